@@ -120,7 +120,7 @@ class Engine:
         self._lock = threading.Lock()
         self._ready: Future[Any] | None = None
         self._feeder = Feeder(lambda: executor.workers, self._execute)
-        self._executing: dict[tuple[str, int], Units] = {}
+        self._executing: dict[tuple[str, int], Units | None] = {}
         self._made: set[str] = set()
         self._faults: list[RunFault] = []
 
@@ -219,8 +219,8 @@ class Engine:
         if needed := controllers_in(systems):
             self._ready = self._executor.prepare(work.answered, work.compile_kernels, needed)
 
-    def start(self, configurations: Sequence[ConfigurationRuns]) -> list[Units]:
-        """Let workers compute the missing runs of configurations, once per wanted number of runs."""
+    def start(self, configurations: Sequence[ConfigurationRuns]) -> list[Units | None]:
+        """Let workers compute missing runs, once per wanted number of runs; None for units that `execute` has waited for."""
         with self._lock:
             keys = [(each.name, each.runs) for each in configurations]
             new = [each for key, each in zip(keys, configurations, strict=True) if key not in self._executing]
@@ -256,8 +256,8 @@ class Engine:
 
     def execute(self, configurations: Sequence[ConfigurationRuns]) -> StageOutcome[Rows]:
         """Execute missing runs; return start, stop, and content digest of each configuration's blocks."""
-        started = [(units.configuration, units.wait()) for units in self.start(configurations)]
-        there = sum(not units for _, units in started)
+        started = [(units.configuration, units.wait()) for units in self.start(configurations) if units is not None]
+        there = len(configurations) - sum(bool(units) for _, units in started)
         for configuration, begun in started:
             units, told = list(begun), True
             for unit in units:
@@ -276,6 +276,8 @@ class Engine:
                         self._fault(configuration, range(*block), stage, error)
             if units and not told:
                 self.index.store.changed(self.index.keys.recordings(configuration.checked))
+            with self._lock:  # answers would stay in memory to the end of the campaign
+                self._executing[configuration.name, configuration.runs] = None
         found = [self.index.blocks(configuration) for configuration in configurations]
         rows = [[[block.start, block.stop, block.content] for block in blocks] for blocks in found]
         return StageOutcome(rows, there, len(configurations))

@@ -36,14 +36,16 @@ class Units:
     """The units of a configuration's missing runs."""
 
     configuration: ConfigurationRuns
-    missing: deque[int]
+    missing: list[int]
+    changed: threading.Condition = field(default_factory=threading.Condition)
     begun: list[Unit] = field(default_factory=list)
-    all_begun: threading.Event = field(default_factory=threading.Event)
+    all_begun: bool = False
     error: Exception | None = None
 
     def wait(self) -> list[Unit]:
         """Wait until all units are submitted and return them; raise the error that prevented one."""
-        self.all_begun.wait()
+        with self.changed:  # one for all: a campaign has 50,000 configurations, and an event takes 3 kB
+            self.changed.wait_for(lambda: self.all_begun)
         if self.error is not None:
             raise self.error
         return self.begun
@@ -86,9 +88,8 @@ class Backlog:
         family = max(self._families, key=lambda each: sized(each)[0])
         waiting = self._families[family]
         units, size = waiting[0], sized(family)[1]
-        ((start, stop), *_) = run_blocks([units.missing[k] for k in range(min(size, len(units.missing)))], size)
-        for _ in range(start, stop):
-            units.missing.popleft()
+        ((start, stop), *_) = run_blocks(units.missing[:size], size)
+        del units.missing[: stop - start]
         self._runs -= stop - start
         if not units.missing:
             waiting.popleft()
@@ -117,13 +118,13 @@ class Feeder:
 
     def add(self, wanted: Iterable[tuple[ConfigurationRuns, Sequence[int]]]) -> list[Units]:
         """Add missing runs of configurations; units begin once all are known."""
-        added = [Units(configuration, deque(runs)) for configuration, runs in wanted]
+        added = [Units(configuration, list(runs), self._ready) for configuration, runs in wanted]
         with self._ready:
             for units in added:
                 if units.missing:
                     self._backlog.add(units)
                 else:
-                    units.all_begun.set()
+                    units.all_begun = True
             if not self._feeds:
                 self._feeds = True
                 threading.Thread(target=self._feed, name="vastflow units", daemon=True).start()
@@ -153,9 +154,11 @@ class Feeder:
                 units.begun.append(Unit(start, stop, future))
                 future.add_done_callback(self._landed)
             if not units.missing:
-                units.all_begun.set()
+                with self._ready:
+                    units.all_begun = True
+                    self._ready.notify_all()
 
     def _landed(self, *_: Any) -> None:
         with self._ready:
             self._in_flight -= 1
-            self._ready.notify()
+            self._ready.notify_all()

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -35,12 +36,17 @@ class Artifact:
     """Files under a key, as a manifest promises them.
 
     Attributes:
-        info: Small facts of the content, there without reading it. `places` says where files belong in a campaign directory.
+        info_json: Small facts of the content, there without reading it; as text, a tenth of the memory of what it says.
     """
 
     key: str
     files: Mapping[str, FileEntry]
-    info: Mapping[str, Any]
+    info_json: str = "{}"
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """The facts. `places` says where files belong in a campaign directory."""
+        return dict(json.loads(self.info_json))
 
     @property
     def content(self) -> str:
@@ -86,6 +92,11 @@ def entry_of(content: bytes) -> FileEntry:
     return FileEntry(hashlib.sha256(content).hexdigest(), len(content))
 
 
+def info_text(info: Mapping[str, Any]) -> str:
+    """Return an artifact's facts as `Artifact` has them."""
+    return json.dumps(info, sort_keys=True)
+
+
 def manifest_of(artifact: Artifact) -> bytes:
     """Return two lines: the SHA-256 of the second, and files, info, and key as JSON."""
     files = {name: asdict(entry) for name, entry in artifact.files.items()}
@@ -108,7 +119,8 @@ def artifact_of(key: str, manifest: bytes) -> Artifact:
     files, info = dict(body["files"]), dict(body["info"])
     for name in (*files, *dict(info.get("places", {})).values()):
         inside(Path(), str(name))
-    return Artifact(key, {name: FileEntry(**entry) for name, entry in files.items()}, info)
+    entries = {sys.intern(name): FileEntry(**entry) for name, entry in files.items()}
+    return Artifact(key, entries, info_text(info))
 
 
 def present(key: str, manifest: bytes, size_bytes: Callable[[str, FileEntry], int]) -> Artifact:

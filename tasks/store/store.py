@@ -18,6 +18,7 @@ from vastflow.tasks.store.artifact import (
     StoreError,
     artifact_of,
     entry_of,
+    info_text,
     manifest_of,
 )
 from vastflow.tasks.store.files import WRITING_S, Listed, StoreFiles
@@ -225,7 +226,7 @@ class Store:
         """
         if self._sources is not None:
             self._sources.check()
-        artifact = Artifact(key, {name: entry_of(content) for name, content in files.items()}, dict(info or {}))
+        artifact = Artifact(key, {name: entry_of(content) for name, content in files.items()}, info_text(info or {}))
         if self._read_only:
             self._held[key] = artifact, dict(files)
             return artifact

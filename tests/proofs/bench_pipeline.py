@@ -54,7 +54,7 @@ def bench_pipeline(configurations: int = 5480, runs: int = 20) -> dict[str, Any]
         file = folder / "nothing.vast"
         (folder / "nothing.osc").write_text(SCENARIO)
         file.write_text(campaign_text(configurations, runs, edited=0))
-        first = _called(file)
+        first = called(file)
         executed_s = _executed_s(Path(first["results"]))
         found: dict[str, Any] = {
             **{name: first[name] for name in ("configurations", "runs", "executed", "wall_s", "cpu_s")},
@@ -63,9 +63,9 @@ def bench_pipeline(configurations: int = 5480, runs: int = 20) -> dict[str, Any]
             **{name: round(first[name], 1) for name in ("flow_peak_mb", "all_peak_mb")},
             **_task_runs(folder / "prefect"),
         }
-        again = _called(file)
+        again = called(file)
         file.write_text(campaign_text(configurations, runs, edited=1))
-        edit = _called(file)
+        edit = called(file)
         for what, call in (("rerun", again), ("edit", edit)):
             found |= {f"{what}_{name}": call[name] for name in ("wall_s", "cpu_s", "executed")}
         return found | {
@@ -91,14 +91,14 @@ def campaign_text(configurations: int, runs: int, edited: int) -> str:
     return text + f"execution: {{scenario_file: nothing.osc, runs: {runs}, timeout: 10}}\n"
 
 
-def _called(file: Path) -> dict[str, Any]:
+def called(file: Path, store: str | None = None) -> dict[str, Any]:
     """The summary of one call of `vastflow run`, with its CPU time and peak memory.
 
     Memory is of the flow's process, and of all together, which counts shared pages for each.
     """
     folder = file.parent
     kept = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
-    environment = {**kept, "PREFECT_HOME": str(folder / "prefect"), "VASTFLOW_STORE": str(folder / "store")}
+    environment = {**kept, "PREFECT_HOME": str(folder / "prefect"), "VASTFLOW_STORE": store or str(folder / "store")}
     command = [
         sys.executable,
         "-m",

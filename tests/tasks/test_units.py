@@ -18,7 +18,7 @@ def configuration(name, family="room", runs=20):
 def backlog(*wanted, **costs_s):
     made = Backlog()
     for configuration, runs in wanted:
-        made.add(Units(configuration, runs))
+        made.add(Units(configuration, list(runs)))
     for family, cost_s in costs_s.items():
         made.took(family, 1, cost_s)
     return made
@@ -70,7 +70,7 @@ def test_feeder_keeps_few_units_in_flight():
     for _ in range(5):
         assert fed.acquire(timeout=60)
     assert not fed.acquire(timeout=0.2), "the others wait for one that has ended"
-    while not units.all_begun.is_set():
+    while not units.all_begun:
         next(each for each in futures if not each.done()).set_result(None)
         fed.acquire(timeout=1)
     assert sum(unit.stop - unit.start for unit in units.wait()) == 200

