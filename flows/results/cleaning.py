@@ -16,6 +16,7 @@ from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.unusable import reading
 from vastflow.producers.floorplan.environment import FOLDER
 from vastflow.sim.model.files import read_json
+from vastflow.tasks.engine.bundle import STAGE as BUNDLE
 from vastflow.tasks.engine.evaluation import FRAGMENTS
 from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiator
 from vastflow.tasks.keys.keys import Keys
@@ -94,6 +95,8 @@ def _evaluations(
 
 
 DAY_S: Final = 24 * 3600.0
+_LONGEST_S: Final = 30 * DAY_S
+"""Longest campaign on a cluster, whose new workers read bundles until its end."""
 
 _ENVIRONMENT: Final = re.compile(rb"[0-9a-f]{64}")
 
@@ -120,9 +123,13 @@ def cleaning(store: Store, referred: References | None, older_than_s: float, now
     removed: list[Holding] = []
     kept: list[Holding] = []
     for holding in store.holdings():
-        stays = referred is not None and (
-            (holding.stage in ("evaluate", "search") and not referred.evaluations)
-            or (holding.whole and holding.key in referred.keys)
+        needed = holding.stage == BUNDLE and holding.written_s > before_s - _LONGEST_S
+        stays = needed or (
+            referred is not None
+            and (
+                (holding.stage in ("evaluate", "search") and not referred.evaluations)
+                or (holding.whole and holding.key in referred.keys)
+            )
         )
         (removed if holding.written_s < before_s and not stays else kept).append(holding)
     environments = _unnamed_environments(store, kept, before_s)

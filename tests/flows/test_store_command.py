@@ -11,6 +11,7 @@ from command_line import DOCS, called, options_of, refused
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
+from vastflow.flows.results.cleaning import clean, cleaning
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import packed
@@ -146,6 +147,14 @@ def test_gc_by_age_deletes_only_older_artifacts(ran, store):
     assert reported("gc", "--older-than", "30")["artifacts"] == 0
     assert set(reported("gc", "--older-than", "10")["keys"]) == old
     assert not keys_in(store) & old
+
+
+def test_gc_keeps_bundles_of_long_campaigns_for_a_month(store):
+    key = f"bundle/ab/{'ab' * 32}"
+    store.put(key, {"content": b"x"})
+    for age_days, left in ((20, [key]), (40, [])):
+        clean(store, cleaning(store, None, DAY_S, time.time() + age_days * DAY_S))
+        assert [each.key for each in store.holdings()] == left
 
 
 def test_gc_deletes_environments_of_no_kept_producer(ran, store):
