@@ -1,4 +1,4 @@
-"""Kill processes at random points of a campaign, and check that nothing is lost or changed.
+"""Kill and pause processes at random points of a campaign, and check that nothing is lost or changed.
 
 A campaign, with `--robot` one in which a robot drives, is run once undisturbed. Then, for each point, it is run anew with an
 empty store, one of its processes is killed at a random time, and it is run or resumed to its end. One call kills in three
@@ -29,10 +29,12 @@ import contextlib
 import functools
 import os
 import random
+import re
 import shutil
 import signal
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -47,6 +49,7 @@ from killed_points import (
     HEADER,
     IN_FLIGHT,
     OF_A_CREW,
+    PAUSE_S,
     REPORT,
     VICTIMS,
     Point,
@@ -120,7 +123,7 @@ def _died_and_gone_on(
     with_cluster = point.setting == "cluster"
     for again in range(AGAIN):
         place = Place(
-            lab, f"{point.kind.replace('/', '-')}-{point.number}-{again}", api.url if api else None, with_cluster
+            lab, f"{re.sub(r'[ /]', '-', point.kind)}-{point.number}-{again}", api.url if api else None, with_cluster
         )
         crew = Crew(place) if with_cluster else None
         if crew:
@@ -153,7 +156,7 @@ def _outlived(life: Life, point: Point, api: Api | None, crew: Crew | None) -> N
     if api and of_server and back_s < ENDS_S:
         time.sleep(back_s)
         api.start()
-    if crew:
+    if crew and not point.is_pause:
         crew.complete(point.victim)
     point.exit_code = life.end()
     point.after_s = time.monotonic() - killed_s
@@ -176,7 +179,11 @@ def _struck(life: Life, point: Point, rng: random.Random, api: Api | None, crew:
         struck = False
         with contextlib.suppress(psutil.NoSuchProcess):  # it ended just now: another, if there still is one
             for process in rng.choice(there) if there else ():
-                process.kill()
+                if point.is_pause:
+                    process.suspend()
+                    threading.Timer(PAUSE_S, process.resume).start()
+                else:
+                    process.kill()
                 struck = True
         if struck:
             return True
@@ -192,9 +199,9 @@ def _has_come(life: Life, point: Point) -> bool:
 
 def _doomed(life: Life, point: Point, crew: Crew | None) -> list[list[psutil.Process]]:
     """Groups of processes of which one is to be killed, if there are any now."""
-    if crew is None or point.victim not in OF_A_CREW:
-        return [[each] for each in life.victims(point.victim)]
-    there = crew.victims(point.victim) if crew else []
+    if crew is None or point.process_kind not in OF_A_CREW:
+        return [[each] for each in life.victims(point.process_kind)]
+    there = crew.victims(point.process_kind)
     if point.victim not in IN_FLIGHT:
         return there
     busy = {row["pid"] for row in life.place.begun()}
@@ -338,7 +345,7 @@ def proven(
             done.append(point)
             (folder / "points.json").write_text(as_json(seed, done))
             if not point.violations:
-                for gone in folder.glob(f"{point.kind.replace('/', '-')}-{point.number}-*"):
+                for gone in folder.glob(f"{re.sub(r'[ /]', '-', point.kind)}-{point.number}-*"):
                     shutil.rmtree(gone, ignore_errors=True)
     finally:
         if api:

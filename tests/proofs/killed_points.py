@@ -15,10 +15,17 @@ Setting: TypeAlias = Literal["embedded", "server", "cluster"]
 VICTIMS: dict[Setting, tuple[str, ...]] = {
     "embedded": ("flow", "worker", "server"),
     "server": ("flow", "server"),
-    "cluster": ("flow", "server", "nanny", "worker", "node", "scheduler"),
+    "cluster": (
+        *("flow", "server", "nanny", "worker", "node", "scheduler"),
+        *("paused flow", "paused worker", "paused scheduler"),
+    ),
 }
 """The flow's process; a process of its pool; Prefect's server. Of a Dask cluster: the process that watches over a worker, the
-worker itself, both at once, as when a machine is gone (`node`), and the scheduler."""
+worker itself, both at once, as when a machine is gone (`node`), and the scheduler. One that is paused goes on after `PAUSE_S`."""
+
+PAUSED = "paused "
+PAUSE_S = 8.0
+"""Duration of a pause (SIGSTOP), in which Dask loses no worker."""
 
 OF_A_CREW = ("nanny", "worker", "node", "scheduler")
 IN_FLIGHT = ("node",)
@@ -70,6 +77,15 @@ class Point:
     violations: list[str] = field(default_factory=list)
 
     @property
+    def is_pause(self) -> bool:
+        return self.victim.startswith(PAUSED)
+
+    @property
+    def process_kind(self) -> str:
+        """Kind of the process that is killed or paused."""
+        return self.victim.removeprefix(PAUSED)
+
+    @property
     def kind(self) -> str:
         return f"{self.setting}/{self.victim}"
 
@@ -98,7 +114,7 @@ def points(seed: int, total: int, kinds: Sequence[tuple[Setting, str]], there: T
 
 
 def _point(setting: Setting, victim: str, number: int, share: float, rng: random.Random, there: Times) -> Point:
-    if victim in IN_FLIGHT:  # they are there while they execute, and no longer
+    if victim in IN_FLIGHT or victim.startswith(PAUSED):  # they are there while they execute, and no longer
         return Point(setting, victim, number, 0.0, int(share * (CONFIGURATIONS - 2)), rng.uniform(0.0, BLOCK_S))
     if share < STARTING:
         first_s, last_s = there[setting][victim]
@@ -112,7 +128,7 @@ def _point(setting: Setting, victim: str, number: int, share: float, rng: random
 
 
 HEADER = (
-    f"{'setting':8} {'victim':6} {'no':>2} {'at (s)':>6} {'blocks':>6} {'phase':9} {'then':9} {'for (s)':>7} {'':6} "
+    f"{'setting':8} {'victim':16} {'no':>2} {'at (s)':>6} {'blocks':>6} {'phase':9} {'then':9} {'for (s)':>7} {'':6} "
     f"{'in flight':>9} {'twice':>5}"
 )
 
@@ -121,7 +137,7 @@ def line(point: Point) -> str:
     """A point in a line of the table."""
     judged = "; ".join(point.violations) or "ok"
     return (
-        f"{point.setting:8} {point.victim:6} {point.number:2} {point.at_s:6.1f} {point.blocks:6} {point.phase:9} "
+        f"{point.setting:8} {point.victim:16} {point.number:2} {point.at_s:6.1f} {point.blocks:6} {point.phase:9} "
         f"{point.how:9} {point.after_s:7.1f} {'resume' if point.resumed else '':6} {len(point.cut):9} "
         f"{point.executed_twice:5}  {judged}"
     )
