@@ -7,6 +7,7 @@ Results are in the store; what comes back is small. Producers are evaluated on t
 import functools
 import hashlib
 import json
+import logging
 import os
 import pickle
 import queue
@@ -41,6 +42,7 @@ NO_WORKER_S: Final = 10.0
 _WATCH_S: Final = 1.0
 _END_S: Final = 2.0
 _GROUP: Final = "vastflow"
+_DASK: Final = logging.getLogger("distributed.client")
 
 
 @dataclass(slots=True, eq=False)
@@ -89,6 +91,9 @@ class DaskCluster:
         self._connecting: threading.Thread | None = None
         self._landed: queue.SimpleQueue[tuple[_Job, Any]] = queue.SimpleQueue()
         self._seen_s: dict[Any, float] = {}
+        # Of a scheduler that is away, Dask would print tracebacks; `_away` tells in one sentence.
+        self._level = _DASK.level
+        _DASK.setLevel(logging.CRITICAL)
 
     @property
     def workers(self) -> int:
@@ -171,6 +176,7 @@ class DaskCluster:
             if self.closed:
                 return
             self.closed = True
+            _DASK.setLevel(self._level)
             client, self._client = self._client, None
             jobs = [*self._open.values()]
             self._open.clear()
@@ -228,8 +234,8 @@ class DaskCluster:
                     if not (job.is_suspect and job in self._suspects[1:]):
                         self._send(job)
             threading.Thread(target=self._take, args=(client,), name="vastflow results", daemon=True).start()
-            if not self._address.startswith(LOCAL) and (link := client.dashboard_link):
-                self._notice(f"Dask's dashboard: {link}")
+            if "dashboard" in client.scheduler_info(n_workers=0)["services"]:
+                self._notice(f"Dask's dashboard: {client.dashboard_link}")
             self._watch(client)
             return
 
