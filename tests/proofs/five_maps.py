@@ -21,18 +21,22 @@ GREATEST_MEDIAN_M = 0.35
 
 def table_of(runs: pd.DataFrame) -> pd.DataFrame:
     """A row for each map."""
-    return runs.assign(reached=runs.outcome == "succeeded").groupby("family", observed=True).agg(
+    weighted = runs["robustness.mean (m)"] * runs.simulated_s
+    groups = runs.assign(reached=runs.outcome == "succeeded", weighted=weighted).groupby("family", observed=True)
+    found = groups.agg(
         **{
             "runs": ("reached", "size"),
             "reached": ("reached", "sum"),
             "final median (m)": ("success.final_distance (m)", "median"),
             "max (m)": ("success.final_distance (m)", "max"),
-            "localization mean (m)": ("robustness.mean (m)", "mean"),
+            "localization mean (m)": ("weighted", "sum"),
             "localization max (m)": ("robustness.maximum (m)", "max"),
             "time (s)": ("simulated_s", "median"),
             "recoveries": ("recoveries", "sum"),
         }
-    )  # fmt: skip
+    )
+    found["localization mean (m)"] /= groups.simulated_s.sum()
+    return found
 
 
 def main() -> int:
