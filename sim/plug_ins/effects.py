@@ -89,6 +89,10 @@ def looking_only() -> Iterator[None]:
         yield
 
 
+class Interrupted(BaseException):
+    """Raised in the thread of a unit that was canceled, whatever code it runs."""
+
+
 @contextmanager
 def plug_in_code() -> Iterator[None]:
     """Run a plug-in's code in the body.
@@ -96,7 +100,7 @@ def plug_in_code() -> Iterator[None]:
     `SystemExit` and its like pass by every `except Exception`, so that a plug-in's exit code would become vastflow's.
 
     Raises:
-        PlugInExit: instead of what is raised and is no `Exception`; Ctrl-C stays what it is.
+        PlugInExit: instead of what is raised and is no `Exception`; Ctrl-C and `Interrupted` stay what they are.
         EffectRefused: it would have an effect, and is only looked at. What libraries do as they are imported, and files that
             Python and numba compile, are none.
     """
@@ -105,7 +109,7 @@ def plug_in_code() -> Iterator[None]:
     try:
         with _set(_is_refusing, _is_looking.get()):
             yield
-    except (Exception, KeyboardInterrupt):
+    except (Exception, KeyboardInterrupt, Interrupted):
         raise
     except BaseException as error:
         code = f"({error.code!r})" if isinstance(error, SystemExit) else ""

@@ -21,6 +21,7 @@ import platformdirs
 from distributed.diagnostics.plugin import WorkerPlugin
 
 from vastflow.sim.model.digest import digest
+from vastflow.sim.plug_ins.effects import Interrupted
 from vastflow.tasks.engine.bundle import Bundle, content_of
 from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, numeric_class
 from vastflow.tasks.keys.source import installed_tree
@@ -64,10 +65,6 @@ class SharedBundle:
         """Return the value; the bundle is read once in a process."""
         bundle, store = _shared(self.place, self.sha256)
         return bundle.opened(store)
-
-
-class Interrupted(BaseException):
-    """Raised in the thread of a canceled unit."""
 
 
 @functools.lru_cache(maxsize=1)

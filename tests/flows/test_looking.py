@@ -6,7 +6,7 @@ import pytest
 from command_line import called, refused
 from table import each_row
 
-from vastflow.sim.plug_ins.effects import PlugInExit, plug_in_code
+from vastflow.sim.plug_ins.effects import Interrupted, PlugInExit, plug_in_code
 from vastflow.tasks.engine.work import Broken, answered
 
 CAMPAIGN = """\
@@ -137,6 +137,7 @@ def test_oracle_that_ends_process_or_raises_is_fault_of_file(tmp_path, place, st
 def test_plug_in_code_turns_only_exits_into_errors():
     for raised, caught, words in (
         (KeyboardInterrupt("now"), KeyboardInterrupt, "now"),
+        (Interrupted("canceled"), Interrupted, "canceled"),
         (LookupError("own"), LookupError, "own"),
         (SystemExit("words"), PlugInExit, r"SystemExit\('words'\)"),
     ):

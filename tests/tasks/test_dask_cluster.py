@@ -14,6 +14,7 @@ from vastflow.sim.model.faults import ScenarioError
 from vastflow.tasks.engine import dask_cluster, dask_worker
 from vastflow.tasks.engine.dask_cluster import DaskCluster
 from vastflow.tasks.engine.executor import ClusterError, PoolClosed, Priority
+from vastflow.tasks.engine.work import answered
 from vastflow.tasks.store.store import StoreError, open_store
 
 pytestmark = pytest.mark.timeout(120)
@@ -210,6 +211,27 @@ def test_cluster_without_worker_prints_command_and_waits(opened, monkeypatch, da
         empty.scale(1)
         assert unit.result(60) == 2
         executor.close()
+
+
+def test_unit_of_closed_executor_ends_between_two_runs(opened, tmp_path):
+    executor = opened()
+    execute(executor, _runs, tmp_path)
+    while not (tmp_path / "0").exists():
+        time.sleep(0.02)
+    executor.close()
+    time.sleep(3.0)
+    assert not (tmp_path / "8").exists()
+
+
+def _runs(folder):
+    for run in range(9):
+        (folder / f"{run}").touch()
+        answered(_rest)
+
+
+def _rest():
+    for _ in range(20):
+        time.sleep(0.01)
 
 
 def test_canceled_unit_never_begins(opened):
