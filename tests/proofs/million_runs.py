@@ -1,4 +1,4 @@
-"""What a campaign costs by its number of configurations, where runs do nothing: a line through sizes gives 50,000.
+"""Costs of a campaign by its number of configurations, extrapolated to 50,000; its runs do nothing.
 
     python tests/proofs/million_runs.py [--configurations 500 2000 5000] [--runs 20] [--s3]
 
