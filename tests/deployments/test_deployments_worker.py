@@ -18,7 +18,7 @@ from vastflow.flows.request.run_request import RunRequest
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
-WORKER_S = 180
+WORKER_S = 420
 DEPLOYMENT = "campaign/tiny"
 CAMPAIGN = """\
 version: 1
