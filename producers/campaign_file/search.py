@@ -32,7 +32,7 @@ class SearchDimension(Section):
     """A searched parameter: `float` or `int` with bounds, `choice` with values, or `bool`."""
 
     type: Literal["float", "int", "choice", "bool"]
-    """Type of the values: a number, a whole number, one of `values`, or true and false."""
+    """Kind of the values: a number, a whole number, one of `values`, or true and false."""
     low: Number | None = None
     """Least value of a number, included."""
     high: Number | None = None
