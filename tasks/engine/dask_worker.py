@@ -10,11 +10,12 @@ import os
 import pickle
 import platform
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import distributed
 import platformdirs
@@ -27,6 +28,9 @@ from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURC
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.source_files import SourceFiles
 from vastflow.tasks.store.store import Store, StoreError, store_address
+
+_PREPARING: Final = threading.Lock()
+"""Threads of one worker: a cached function that two call at once is called twice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +106,13 @@ def run_unit(message: bytes) -> Any:
     return function(*arguments)
 
 
-@functools.lru_cache(maxsize=16)
 def _prepared(before: Bundle, place: str) -> None:
+    with _PREPARING:
+        _prepare_once(before, place)
+
+
+@functools.lru_cache(maxsize=16)
+def _prepare_once(before: Bundle, place: str) -> None:
     """Make a call once in this process, and not at the same time as another process of this machine."""
     with _machine_lock():
         function, *arguments = before.opened(_store(place))
