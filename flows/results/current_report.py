@@ -5,17 +5,15 @@ import importlib.metadata
 import inspect
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.inputs import Inputs
 from vastflow.oracles.judgement.oracle import Oracle
-from vastflow.producers.instantiation.instantiate import Instantiation
-from vastflow.sim.model.digest import FileContent, file_digest
+from vastflow.sim.model.digest import file_digest
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import folders_of
@@ -27,6 +25,7 @@ _FILES: Final = ".files.json"
 """File of a campaign directory that lists its files as the run left them."""
 _PACKAGES: Final = ("vastflow.flows", "vastflow.oracles", "vastflow.producers", "vastflow.sim", "vastflow.tasks")
 _WRITTEN_BY: Final = frozenset({".css", ".j2", ".js", ".py"})
+_OF_A_CALL: Final = frozenset({"created", "host"})
 REPORT_LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
 
 
@@ -36,58 +35,26 @@ def written_by() -> tuple[Path, ...]:
 
 
 def report_key(
-    keys: Keys,
-    inputs: Inputs,
-    metadata: Mapping[str, Any],
-    instantiation: Instantiation,
-    contents: Iterable[Sequence[Any]],
-    runs: Mapping[str, int],
-    oracles: Sequence[Oracle[Any]],
+    keys: Keys, inputs: Inputs, metadata: Mapping[str, Any], oracles: Sequence[Oracle[Any]], place: str
 ) -> str:
-    """Digest of all that the campaign directory of a campaign without faults follows from.
+    """Digest of all that the campaign directory of a campaign without faults follows from, known before anything is computed.
 
     Args:
-        metadata: What `metadata.json` says; of it what is the same for every call with these results.
-        contents: Keys and contents of the verdicts of each configuration that is no duplicate, in order.
-        oracles: Those that judged, in order. The report has their docstrings, which are in no digest of their code.
+        metadata: What `metadata.json` says before the runs, ingredients included.
+        oracles: Those that judge, in order. The report has their docstrings, which are in no digest of their code.
+        place: The store's: another one is to be filled.
     """
     hashed = hashlib.sha256()
-    same = {name: metadata[name] for name in ("name", "vastflow", "versions", "notes", "robots")}
-    same |= {name: metadata[name] for name in ("asked", SEQUENTIAL, SEARCH) if name in metadata}
+    same = {name: value for name, value in metadata.items() if name not in _OF_A_CALL}
     files = {name: hashlib.sha256(content).hexdigest() for name, content in inputs.files.items()}
     libraries = {name: importlib.metadata.version(name) for name in REPORT_LIBRARIES}
     said = [[oracle.name, inspect.getdoc(type(oracle))] for oracle in oracles]
-    for part in (
-        [keys.identity, same, libraries, hashlib.sha256(inputs.campaign).hexdigest(), files, runs, said],
-        instantiation.sampled_from,
-        *(
-            (c.name, c.family, c.scenario.digest, c.duplicate_of, c.factors, c.provenance)
-            for c in instantiation.configurations
-        ),
-        *([(s.producer, s.keys, s.choice) for s in c.steps] for c in instantiation.configurations),
-        *((r.family, r.parent, r.producer, r.reason, r.requested, r.inputs) for r in instantiation.rejections),
-        *((e.family, e.name, e.constraint, e.values) for e in instantiation.excluded),
-        instantiation.coverage,
-        *contents,
-    ):
-        hashed.update(_text(part).encode() + b"\n")
+    for part in (keys.identity, same, libraries, hashlib.sha256(inputs.campaign).hexdigest(), files, said, place):
+        hashed.update(json.dumps(part).encode() + b"\n")
     for folder in written_by():
         for file in sorted(file for file in folder.rglob("*") if file.suffix in _WRITTEN_BY):
             hashed.update(f"{file.relative_to(folder)} {file_digest(file)}\n".encode())
     return hashed.hexdigest()
-
-
-def _plain(value: object) -> Any:
-    if isinstance(value, FileContent):
-        return {"file": value.digest}
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, Sequence):
-        return list(value)
-    raise TypeError(f"{type(value).__name__} is no value of a configuration")
-
-
-_text: Final = json.JSONEncoder(separators=(",", ":"), default=_plain).encode
 
 
 def seal(directory: Path) -> None:

@@ -30,14 +30,6 @@ class Judged:
         """Faults that concern no single configuration."""
         return [RunFault("", None, "instantiate", str(fault)) for fault in self.instantiated.faults]
 
-    @property
-    def contents(self) -> list[list[str]]:
-        """Keys and contents of each configuration's verdicts, in order: they determine all results."""
-        return [
-            [text for each in found.stored if each.verdicts for text in (each.verdicts.key, each.verdicts.content)]
-            for found in self.found.values()
-        ]
-
     def incomplete(self, engine: Engine) -> list[FoundRuns]:
         """Configurations with missing results that no fault explains."""
         broken = engine.broken

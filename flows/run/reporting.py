@@ -1,6 +1,6 @@
 """From judged runs to evidence: a campaign directory with its tables, its report, and where both are seen."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,7 +34,7 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged) -> Res
     engine.rest()
     record, faults = _record(run), engine.faults
     if not judged.faults and not faults and _is_by_its_source(run):
-        record[KEY] = _key(run, computing, judged)
+        record[KEY] = _key(run, computing)
 
     def found(configuration: Configuration) -> StoredResult:
         own = judged.found[configuration.name]
@@ -77,24 +77,37 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged) -> Res
     results = run.delivery.delivered(written)
     if run.delivery.address is None and not steps and not written.faults:
         seal(written.directory)
+        if KEY in record:
+            run.store.put(_complete(record[KEY]), {})
     return results
 
 
-def current(run: PreparedCampaign, computing: Computing, judged: Judged) -> Results | None:
-    """The campaign's newest directory, if the store is complete and this run would write the same.
+def current(run: PreparedCampaign, computing: Computing, judged: Judged | None = None) -> Results | None:
+    """The campaign's newest directory, if the store had everything and this run would write the same.
 
     A campaign with steps of postprocessing has none: what they follow from can't be told.
+
+    Args:
+        judged: Complete runs found in the store; None if its own word is to do, which costs the same for any number of runs.
     """
     directory = newest_sealed(run.delivery.folder, run.name) if run.delivery.address is None else None
     if directory is None:
         return None
-    metadata = read_json(directory / "metadata.json")
-    if metadata.get(KEY) != _key(run, computing, judged):
+    metadata, key = read_json(directory / "metadata.json"), _key(run, computing)
+    if metadata.get(KEY) != key or (judged is None and run.store.find(_complete(key)) is None):
         return None
+    if judged is not None:
+        run.store.put(_complete(key), {})
     counts = metadata["counts"]
     oracles = {name: Counts(**each) for name, each in counts["oracles"].items()}
-    done = {**counts, **asdict(run.work()), "oracles": oracles, "results": str(directory)}
+    work = asdict(replace(run.work(), reused=counts["runs"]))
+    done = {**counts, **work, "oracles": oracles, "results": str(directory)}
     return Results(directory, Summary(**done), (), tuple(terminal_lines(run.campaign.notes)))
+
+
+def _complete(key: str) -> str:
+    """Key in the store that says that all artifacts behind a report were there."""
+    return f"report/{key[:2]}/{key}"
 
 
 def _record(run: PreparedCampaign) -> dict[str, Any]:
@@ -102,10 +115,9 @@ def _record(run: PreparedCampaign) -> dict[str, Any]:
     return dict(run.record) if run.search is None else {**run.record, SEARCH: search_record(run.search)}
 
 
-def _key(run: PreparedCampaign, computing: Computing, judged: Judged) -> str:
-    metadata = {**metadata_of(run.campaign, run.keys, computing.created), **_record(run)}
-    instantiation = judged.instantiated.instantiation
-    return report_key(run.keys, run.inputs, metadata, instantiation, judged.contents, judged.runs, run.opened.oracles)
+def _key(run: PreparedCampaign, computing: Computing) -> str:
+    metadata = {**metadata_of(run.campaign, run.keys, computing.created), **run.record}
+    return report_key(run.keys, run.inputs, metadata, run.opened.oracles, run.store.place)
 
 
 def _is_by_its_source(run: PreparedCampaign) -> bool:

@@ -11,8 +11,6 @@ from vastflow.flows.results import current_report
 from vastflow.flows.results.current_report import report_key
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.oracles.judgement.registry import oracle_of
-from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.configuration import ExcludedInstance, RejectedInstance, Step
 from vastflow.tasks.keys.keys import Keys
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
@@ -26,8 +24,6 @@ METADATA = {
     "robots": [{"families": ["room"], "robot": ["assumed, as a TurtleBot 4 has it: mass 3.3 kg"]}],
     "asked": {"only": [], "runs": 2},
 }
-EXCLUDED = ExcludedInstance("room", "room-*", "far_apart", {"distance": 0.5})
-REJECTED = RejectedInstance("room", "room", "PathVariationRandom", "no path", {"length": 9.0}, {"start": 1})
 
 
 @pytest.fixture
@@ -37,20 +33,9 @@ def asked(small_room):
         "keys": KEYS,
         "inputs": inputs_of(campaign, oracles),
         "metadata": METADATA,
-        "instantiation": instantiate(campaign),
-        "contents": [["verdicts/a", "content of a"], ["verdicts/b", "content of b"]],
-        "runs": 2,
         "oracles": oracles,
+        "place": "/store",
     }
-
-
-def with_first(instantiation, **changes):
-    first, *others = instantiation.configurations
-    return replace(instantiation, configurations=(replace(first, **changes), *others))
-
-
-def of_instantiation(change):
-    return lambda asked: {"instantiation": change(asked["instantiation"])}
 
 
 def of_metadata(**changes):
@@ -72,29 +57,10 @@ CHANGES = {
     "a selection": of_metadata(asked={"only": ["room"], "runs": 2}),
     "a rule by which runs ended": of_metadata(**{SEQUENTIAL: {"min": 5, "max": 20}}),
     "another rule": of_metadata(**{SEQUENTIAL: {"min": 6, "max": 20}}),
-    "the verdicts of one configuration": lambda asked: {"contents": [["verdicts/a", "?"], asked["contents"][1]]},
-    "the order of configurations": lambda asked: {"contents": asked["contents"][::-1]},
-    "a configuration more": lambda asked: {"contents": [*asked["contents"], ["verdicts/c", "content of c"]]},
-    "runs": lambda asked: {"runs": 3},
-    "runs of one configuration": lambda asked: {"runs": {"room-1": 2, "room-2": 3}},
     "an oracle": lambda asked: {"oracles": [*asked["oracles"], oracle_of("safety", {})]},
     "the machine": lambda asked: {"keys": replace(asked["keys"], numeric="aarch64; glibc 2.36; ; ")},
-    "a sample": of_instantiation(lambda i: replace(i, sampled_from=9)),
-    "a configuration's name": of_instantiation(lambda i: with_first(i, name="hall-1")),
-    "a configuration's family": of_instantiation(lambda i: with_first(i, family="hall")),
-    "a duplicate": of_instantiation(lambda i: with_first(i, duplicate_of="room-2")),
-    "a factor": of_instantiation(lambda i: with_first(i, factors={"level": 3})),
-    "a drawn path": of_instantiation(lambda i: with_first(i, provenance={"_path_length": 3.0})),
-    "who wrote what": of_instantiation(lambda i: with_first(i, steps=(Step("OneOfVariation", ("level",)),))),
-    "the choice of a producer": of_instantiation(lambda i: with_first(i, steps=(Step("OneOfVariation", ("l",), 2),))),
-    "a scenario": of_instantiation(
-        lambda i: with_first(i, scenario=replace(i.configurations[0].scenario, timeout_s=1.0))
-    ),
-    "a rejection": of_instantiation(lambda i: replace(i, rejections=(REJECTED,))),
-    "why it was rejected": of_instantiation(lambda i: replace(i, rejections=(replace(REJECTED, reason="no goal"),))),
-    "what was excluded": of_instantiation(lambda i: replace(i, excluded=(EXCLUDED,))),
-    "by which constraint": of_instantiation(lambda i: replace(i, excluded=(replace(EXCLUDED, constraint="near"),))),
-    "the coverage": of_instantiation(lambda i: replace(i, coverage={**i.coverage, "requested": 99})),
+    "a sample": of_metadata(asked={"only": [], "runs": 2, "sample": 9}),
+    "the store": lambda asked: {"place": "s3://bucket/store"},
 }
 
 
@@ -106,9 +72,7 @@ def test_report_key_changes_with_everything_shown(asked):
     assert alike == []
 
 
-@pytest.mark.parametrize(
-    "facts", [{"created": "2027-01-01T00:00:00"}, {"host": {"name": "there"}}, {"counts": {"executed": 4}}]
-)
+@pytest.mark.parametrize("facts", [{"created": "2027-01-01T00:00:00"}, {"host": {"name": "there"}}])
 def test_facts_of_a_call_are_in_no_key(asked, facts):
     assert report_key(**{**asked, "metadata": {**METADATA, **facts}}) == report_key(**asked)
 
