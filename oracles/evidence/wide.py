@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.varied import path_property_rows, varied_rows
 from vastflow.oracles.results.executed import environment_names
-from vastflow.oracles.results.tables import FAIL, PASS, Tables
+from vastflow.oracles.results.schema import codes, floats, integers
+from vastflow.oracles.results.tables import FAIL, PASS, Tables, run_keys
 
 WIDE_FILE: Final = "runs_wide.parquet"
 _TEXTS: Final = ("outcome", "reason", "cause", "stood_still")
@@ -48,18 +49,22 @@ def write_wide(directory: Path, found: pd.DataFrame) -> None:
 
 
 def _of_runs(tables: Tables) -> dict[str, Any]:
-    runs, verdicts, keys = tables.runs, tables.verdicts, ["configuration", "run_index"]
+    """Columns of `runs.parquet` in the order of the verdicts: by codes, as texts of a million runs take a gigabyte."""
+    runs, verdicts = tables.runs, tables.verdicts
     known = [name for name in (*_TEXTS, *_NUMBERS) if name in runs.column_names] if len(runs) else []
-    judged = pd.DataFrame(
-        {keys[0]: np.array(verdicts.names, dtype=object)[verdicts.configuration], keys[1]: verdicts.run_index}
-    )
-    joined = judged.merge(runs.select([*keys, *known]).to_pandas(), how="left", on=keys)
-    return {
-        name: joined[name].astype("string").replace("", None).astype("category")
-        if name in _TEXTS
-        else joined[name].astype(np.float64)
-        for name in known
-    }
+    code, names = codes(runs["configuration"])
+    places = pd.Index(verdicts.names).get_indexer(names)
+    keys, first = np.unique(run_keys(places[code], integers(runs["run_index"])), return_index=True)
+    at = pd.Index(keys).get_indexer(run_keys(verdicts.configuration, verdicts.run_index))
+    columns: dict[str, Any] = {}
+    for name in known:
+        if name in _NUMBERS:
+            columns[name] = np.where(at < 0, np.nan, floats(runs[name])[first[at]])
+            continue
+        code, texts = codes(runs[name])
+        said = pd.Categorical.from_codes(np.where(at < 0, -1, code[first[at]]), _texts(texts))
+        columns[name] = said.set_categories(_texts(sorted({*said.remove_unused_categories().categories} - {""})))
+    return columns
 
 
 def _factors(tables: Tables, others: Iterable[str]) -> dict[str, Any]:
@@ -90,5 +95,8 @@ def _free(name: str, kind: str, taken: Container[str]) -> str:
 
 def _by_configuration(values: Sequence[Any], of_run: NDArray[np.int64]) -> pd.Categorical:
     texts = [value if isinstance(value, str) else None if value is None else json.dumps(value) for value in values]
-    known = pd.Index(dict.fromkeys(text for text in texts if text is not None), dtype="string")
-    return pd.Categorical(texts, known)[of_run]
+    return pd.Categorical(texts, _texts(dict.fromkeys(text for text in texts if text is not None)))[of_run]
+
+
+def _texts(texts: Iterable[str]) -> pd.Index:
+    return pd.Index(texts, dtype="string")

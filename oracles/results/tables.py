@@ -29,6 +29,11 @@ PASS, FAIL, NOT_JUDGED = CODES.values()
 _RUNS: Final = 1 << 31
 
 
+def run_keys(configuration: NDArray[np.int64], run_index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A number (R,) for each run, ascending by configuration and run index."""
+    return configuration * _RUNS + run_index
+
+
 class ConfigurationTable:
     """The rows of `configurations.parquet`; JSON columns are decoded when they are asked for.
 
@@ -133,7 +138,7 @@ class VerdictTable:
         if unknown := {*judgements} - {*CODES}:
             raise ValueError(f"verdicts.parquet has the judgement {min(unknown)!r}; it can be {', '.join(CODES)}")
         place = np.array([places[name] for name in judged], dtype=np.int64)[configuration]
-        runs, self._run = np.unique(place * _RUNS + integers(table["run_index"]), return_inverse=True)
+        runs, self._run = np.unique(run_keys(place, integers(table["run_index"])), return_inverse=True)
         self.configuration, self.run_index = runs // _RUNS, runs % _RUNS
         self._oracle, oracles = codes(table["oracle"])
         self.oracles = tuple(oracles)
