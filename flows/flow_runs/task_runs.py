@@ -87,7 +87,9 @@ class TaskRuns:
             free.acquire()
             self.engine.check()
             follows = () if made else (each for name in shard.families for each in self._evaluations.get(name, ()))
-            mapped.append(getattr(stages, stage).submit(shard, *made, engine=self.engine, wait_for=list(follows)))
+            # In lists: of a future that is an argument itself, Prefect asks its API the state, and fails where that is away.
+            before = [[each] for each in made]
+            mapped.append(getattr(stages, stage).submit(shard, *before, engine=self.engine, wait_for=list(follows)))
             self._futures.append(mapped[-1])
             mapped[-1].add_done_callback(lambda _: free.release())
         if stage == "evaluate":

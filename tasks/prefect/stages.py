@@ -4,7 +4,7 @@ Prefect's own caching is off, as the store decides. A task run ends as `Cached` 
 `Cancelled` after an interrupt.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from prefect import task
@@ -33,15 +33,15 @@ def execute(shard: Shard, engine: Engine) -> State[Any]:
 
 
 @task(name="observe", task_run_name="observe {shard}", cache_policy=NO_CACHE, persist_result=False)
-def observe(shard: Shard, recorded: Rows, engine: Engine) -> State[Any]:
+def observe(shard: Shard, recorded: Sequence[Rows], engine: Engine) -> State[Any]:
     """Observe a shard's recordings, and return the observed `Rows`."""
-    return _ended(lambda: engine.observe(shard.configurations, recorded))
+    return _ended(lambda: engine.observe(shard.configurations, *recorded))
 
 
 @task(name="judge", task_run_name="judge {shard}", cache_policy=NO_CACHE, persist_result=False)
-def judge(shard: Shard, observed: Rows, engine: Engine) -> State[Any]:
+def judge(shard: Shard, observed: Sequence[Rows], engine: Engine) -> State[Any]:
     """Judge a shard's traces, and return the judged `Rows`."""
-    return _ended(lambda: engine.judge(shard.configurations, observed))
+    return _ended(lambda: engine.judge(shard.configurations, *observed))
 
 
 def _ended(stage: Callable[[], StageOutcome[Any]]) -> State[Any]:

@@ -48,12 +48,12 @@ def served(folder: Path) -> Iterator[str]:
     (folder / "data" / BUCKET).mkdir(parents=True)
     os.environ |= {
         "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
-        "AWS_ACCESS_KEY_ID": "id",
-        "AWS_SECRET_ACCESS_KEY": "secret",
+        "AWS_ACCESS_KEY_ID": "vastflow",
+        "AWS_SECRET_ACCESS_KEY": "vastflow-secret",
         "AWS_EC2_METADATA_DISABLED": "true",
         "XDG_CACHE_HOME": str(folder / "cache"),
     }
-    options = ["--addr", f"127.0.0.1:{port}", "--auth-key", "id,secret", "--vfs-cache-mode", "writes"]
+    options = ["--addr", f"127.0.0.1:{port}", "--auth-key", "vastflow,vastflow-secret", "--vfs-cache-mode", "writes"]
     options += ["--config", os.devnull, "--cache-dir", str(folder / "rclone")]
     with (
         open(folder / "rclone.log", "wb") as log,
