@@ -34,7 +34,7 @@ from vastflow.tasks.engine.process import few_collections
 RENAMED: Final = {
     "preview": "plan FILE --pictures 4",
     "coverage": "plan FILE --coverage` or `vastflow show RESULTS --coverage",
-    "explain": "plan RESULTS CONFIGURATION",
+    "explain": "plan RESULTS --only CONFIGURATION --why",
     "run --dry-run": "plan FILE --why",
     "resume": "run RESULTS",
     "schema": "validate --schema",

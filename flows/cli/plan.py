@@ -13,17 +13,12 @@ from vastflow.flows.cli.run import Campaign, is_directory, requested
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, check_writable, writing
 from vastflow.flows.terminal.options import AsJson, Out, asking
-from vastflow.oracles.results.unusable import reading
-from vastflow.sim.model.faults import UserError
 
 
 @asking("runs", "results", "store", "only", "sample", "map_dir", "as_v1", "strict")
 def plan(
     source: Campaign,
     asked: Mapping[str, Any],
-    configuration: Annotated[
-        str | None, typer.Argument(metavar="CONFIGURATION", help="Configuration of a campaign directory to explain.")
-    ] = None,
     why: Annotated[bool, typer.Option("--why", help="Show why results would be computed.")] = False,
     coverage: Annotated[
         bool, typer.Option("--coverage", help="Show the coverage of each dimension and pair of producers.")
@@ -37,16 +32,11 @@ def plan(
 ) -> None:
     """Show what a run would do, without running it.
 
-    Configurations, rejections, exclusions, cached results, and what would be computed. For one configuration of a campaign
-    directory: its origin, its keys in the store, and its differences to an earlier campaign. Pictures go to
-    pictures-NAME.
+    Configurations, rejections, exclusions, cached results, and what would be computed. Pictures go to pictures-NAME.
     """
     if since is not None:
         check_directory(since, "--since")
     with Interruptible("interrupted"):
-        if configuration is not None:
-            _explain(source, configuration, asked["store"], since, as_json)
-            return
         if out is not None:
             check_writable(out, "--out")
         from vastflow.flows.plan.plan import draw, plan_of
@@ -69,18 +59,3 @@ def plan(
             print(json.dumps(plan_json(found, str(source)) | {"pictures": drawn}, ensure_ascii=False))
         elif drawn:
             print("\npictures:", *drawn, sep="\n")
-
-
-def _explain(directory: Path, name: str, store: str | None, since: Path | None, as_json: bool) -> None:
-    if directory.is_file():
-        raise UserError(f"{directory}: expected a campaign directory to explain CONFIGURATION, got a file")
-    check_directory(directory)
-    from vastflow.flows.plan.explain import explained, explanation_json, explanation_text
-    from vastflow.flows.terminal.display import printed
-
-    with reading(directory):
-        found = explained(directory, name, store=store, since=since)
-        if as_json:
-            print(json.dumps(explanation_json(found), ensure_ascii=False))
-        else:
-            printed(explanation_text(found))

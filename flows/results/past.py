@@ -185,19 +185,14 @@ def past_of(directory: Path) -> Past:
     return past
 
 
-def newest_past(results: Path, name: str, before: str | None = None) -> Past | None:
-    """The newest campaign of this name in a folder of campaign directories; damaged ones are passed over.
-
-    Args:
-        before: Only those that began before this time, in ISO form.
-    """
+def newest_past(results: Path, name: str) -> Past | None:
+    """The newest campaign of this name in a folder of campaign directories; damaged ones are passed over."""
     found = []
     for file in results.glob("[!.]*/metadata.json"):
         with suppress(OSError, ValueError, KeyError, TypeError):
             metadata = read_json(file)
-            created = str(metadata["created"])
-            if metadata["name"] == name and (before is None or created < before):
-                found.append((created, file.stat().st_mtime_ns, file.parent))
+            if metadata["name"] == name:
+                found.append((str(metadata["created"]), file.stat().st_mtime_ns, file.parent))
     for _, _, directory in sorted(found, reverse=True):
         with suppress(UnusableDirectory):
             return past_of(directory)
