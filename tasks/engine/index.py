@@ -18,7 +18,6 @@ class ConfigurationRuns:
         name: Its configuration's name.
         place: Its number among the configurations of its family, from 1.
         runs: Run indices 0 to runs - 1 are wanted.
-        recorded_as: `checked` of an earlier campaign's recording; None for that of today.
     """
 
     name: str
@@ -26,12 +25,11 @@ class ConfigurationRuns:
     place: int
     scenario: Scenario
     runs: int
-    recorded_as: str | None = None
 
     @property
     def checked(self) -> str:
         """Digest of all that its runs are computed from, which is part of every key."""
-        return self.recorded_as or checked_digest(self.scenario)
+        return checked_digest(self.scenario)
 
     @property
     def drives(self) -> bool:
