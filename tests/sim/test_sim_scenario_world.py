@@ -7,7 +7,6 @@ import pytest
 from recorded import ends, happened
 from table import each_row
 
-from vastflow.oracles.observation.observe import ScenarioObserver
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
@@ -80,7 +79,8 @@ def test_box_in_front_of_a_robot_is_struck(staged, arguments, gives_way):
     recording = run(scenario, 0)
     contacts, moved = happened(recording, "contact"), happened(recording, "obstacle_moved")
     assert contacts and {event.what for event in contacts} == {"crate"}
-    assert f" with crate at {contacts[0].t_s:.1f} s" in recording.run.reason
+    told = "a contact" if len(contacts) == 1 else f"{len(contacts)} contacts, the first"
+    assert recording.run.reason.endswith(f"{told} with crate at {contacts[0].t_s:.1f} s")
     assert bool(moved) == gives_way
     (crate,), (spawned,) = obstacle_tracks_of(situation_of(scenario), recording.run), happened(recording, "spawned")
     t_ms = recording.columns["t_ms"]
@@ -168,17 +168,6 @@ def test_lidar_sees_spawned_and_not_deleted_obstacles(staged):
     run(staged(text), 0, watch=look, watch_ticks=[2, 12, 40])
     assert ahead_m[2] == ahead_m[40] == pytest.approx(3.1, abs=0.15)
     assert ahead_m[12] == pytest.approx(0.8, abs=0.15)
-
-
-def test_separation_is_observed_between_spawn_and_deletion(staged):
-    text = f"wait elapsed(1s)\nspawn_multiple([{box('crate', 2, 2)}])\nwait elapsed(1s)\ndelete_entity('crate')\nwait elapsed(1s)"
-    scenario = staged(text)
-    recording = run(scenario, 0)
-    _, derived = ScenarioObserver(scenario).observed(recording)
-    apart_mm, t_ms = derived["separation_mm/box 0.4 x 0.4 m"], recording.columns["t_ms"]
-    there = (t_ms >= 1200) & (t_ms < 2200)
-    assert set(apart_mm[there].tolist()) == {round(1000 * math.hypot(1.0, 1.0))}
-    assert (apart_mm[~there] > 1e6).all()
 
 
 @pytest.mark.parametrize("pushable", [False, True])
