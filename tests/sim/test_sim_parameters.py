@@ -5,13 +5,7 @@ from table import each_row
 
 from vastflow.sim.model.digest import canonical
 from vastflow.sim.model.faults import FileError
-from vastflow.sim.nav2.parameter_files.chosen import (
-    OWN_KEYS,
-    check_key,
-    converted,
-    parameters_of,
-    unread,
-)
+from vastflow.sim.nav2.parameter_files.chosen import OWN_KEYS, check_key, converted, parameters_of, unread
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.rpp import RppParameters

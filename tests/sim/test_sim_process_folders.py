@@ -62,10 +62,7 @@ def printed(run, *command):
 
 def test_pre_and_post_commands_write_only_to_out(begun):
     before = set(os.listdir("/"))
-    files = {
-        "files/pre.sh": "#!/bin/sh\n\ntouch /out/before",
-        "files/post.sh": "#!/bin/sh\n\necho $* > /out/after",
-    }
+    files = {"files/pre.sh": "#!/bin/sh\n\ntouch /out/before", "files/post.sh": "#!/bin/sh\n\necho $* > /out/after"}
     with begun(files, pre_command="/config/files/pre.sh", post_command="/config/files/post.sh one") as run:
         record = run.close()
     assert record.post_command == ""

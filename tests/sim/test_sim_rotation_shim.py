@@ -129,9 +129,7 @@ def test_shim_leaves_path_to_controller_when_robot_can_not_turn(over_a_floor):
     assert np.abs(blocked.columns["command_yaw_rate_mradps"][:10]).max() == 0
 
 
-def test_robot_turns_to_headings_of_its_path_with_use_path_orientations(
-    over_a_floor,
-):
+def test_robot_turns_to_headings_of_its_path_with_use_path_orientations(over_a_floor):
     """The robot shall reach a goal behind it backward; map and odometry head alike at the start."""
     moves = {}
     for oriented in (True, False):
