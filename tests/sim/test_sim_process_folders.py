@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -92,15 +93,11 @@ def test_programs_know_the_folders_by_their_names(begun, tmp_path):
 
 
 def test_undeclared_run_file_is_named(begun):
-    with begun({"a.txt": "a"}) as run:
-        with pytest.raises(ScenarioError, match=r"no file that execution\.run_files matches lies there"):
-            run.start(["/config/other.py"])
-        with pytest.raises(ScenarioError, match="no program of this name in PATH"):
-            run.start(["no-such-program", "/out"])
-    with (
-        pytest.raises(ScenarioError, match=r"pre_command: there is no file '/config/other\.sh'"),
-        begun(pre_command="/config/other.sh"),
-    ):
+    unmatched_file = r"no file that execution\.run_files matches lies there"
+    with begun({"a.txt": "a"}) as run, pytest.raises(ScenarioError, match=unmatched_file):
+        run.start(["/config/other.py"])
+    missing = r"pre_command: there is no file '/config/other\.sh'"
+    with pytest.raises(ScenarioError, match=missing), begun(pre_command="/config/other.sh"):
         pass
 
 
@@ -112,11 +109,16 @@ def test_file_of_bytes_is_never_rewritten(begun):
         assert (run.folders.config / "data.bin").read_bytes() == content
 
 
-def test_run_keeps_no_namespace_after_its_end(begun):
-    before = len(os.listdir("/proc/self/fd")) if Path("/proc").is_dir() else 0
-    with begun({"a.txt": "a"}) as run:
-        printed(run, "cat", "/config/a.txt")
-    assert (len(os.listdir("/proc/self/fd")) if Path("/proc").is_dir() else 0) == before
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="descriptors are read from /proc")
+def test_run_leaves_no_descriptor_namespace_or_thread(begun):
+    used = []
+    for _ in range(3):
+        with begun({"a.txt": "a"}) as run:
+            printed(run, "cat", "/config/a.txt")
+            with pytest.raises(ScenarioError, match="no program of this name in PATH"):
+                run.start(["no-such-program", "/out"])
+        used.append((len(os.listdir("/proc/self/fd")), threading.active_count()))
+    assert used[-1] <= used[0]
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="signals are read from /proc")
@@ -189,12 +191,6 @@ def test_machine_that_forbids_mounts_is_known():
     assert probed("unshare", "--user", "--map-root-user", "sh", "-c", forbid, "sh") == "False"
 
 
-@pytest.mark.skipif(not folders.can_mount(), reason="bubblewrap is missing, or this machine forbids namespaces")
-def test_user_without_rights_mounts_in_a_user_namespace():
-    dropped = ("setpriv", "--bounding-set=-sys_admin", "--inh-caps=-all")
-    assert probed(*dropped) == probed(*dropped, "unshare", "--user", "--map-current-user")
-
-
 def test_map_is_handed_to_programs_with_its_picture_unless_it_changed(tmp_path):
     folder = tmp_path / "maps"
     folder.mkdir()
@@ -208,31 +204,19 @@ def test_map_is_handed_to_programs_with_its_picture_unless_it_changed(tmp_path):
             assert load_map(place / name).digest == content.digest
         assert run.close().outputs.files == {}
     (folder / "hall.pgm").write_bytes(b"P5 2 2 255\n" + bytes(4))
+    changed = r"map_file: '.*hall\.yml' changed since the campaign was read; run it again"
     with (
-        pytest.raises(
-            ScenarioError, match=r"map_file: '.*hall\.yml' changed since the campaign was read; run it again"
-        ),
+        pytest.raises(ScenarioError, match=changed),
         process_run(ProcessSetup(), {"map_file": content}, where=tmp_path),
     ):
         pass
 
 
-TREE = (
-    "run.py",
-    "notes.txt",
-    ".hidden",
-    "files/a.py",
-    "files/b.yaml",
-    "files/deep/er/c.py",
-    "files/.git/config",
-    "files/__pycache__/a.pyc",
-)
-
-
 @pytest.fixture
 def campaign(tmp_path):
     folder = tmp_path / "campaign"
-    for name in TREE:
+    below = ("a.py", "b.yaml", "deep/er/c.py", ".git/config", "__pycache__/a.pyc")
+    for name in ("run.py", "notes.txt", ".hidden", *(f"files/{name}" for name in below)):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(name)
     return folder
@@ -243,11 +227,9 @@ def campaign(tmp_path):
     [
         ("run.py", ["run.py"]),
         ("*.py", ["files/a.py", "files/deep/er/c.py", "run.py"]),
-        ("c.py", ["files/deep/er/c.py"]),
         ("files/*.py", ["files/a.py"]),
         ("./files/*.py", ["files/a.py"]),
         ("files/**", ["files/a.py", "files/b.yaml", "files/deep/er/c.py"]),
-        ("files/**/*.py", ["files/a.py", "files/deep/er/c.py"]),
         ("**", ["files/a.py", "files/b.yaml", "files/deep/er/c.py", "notes.txt", "run.py"]),
         ("**/[ab].*", ["files/a.py", "files/b.yaml"]),
         ("**/[!ab].py", ["files/deep/er/c.py"]),
