@@ -66,15 +66,12 @@ def test_carrot_is_no_farther_than_the_cusp_if_it_may_reverse():
     assert w / v == pytest.approx(2.0 * math.sin(0.3) / 0.375, rel=1e-3)
 
 
-def test_reached_goal_holds_until_a_reset():
+def test_reached_goal_holds_until_a_reset_in_a_controller_with_state():
     controller = Alone(DEFAULT, CORNER)
     command(straight(length_m=0.1), controller=controller)
     assert command(straight(), controller=controller, end_yaw=1.0)[1] == 0.0
     controller.reset()
     assert command(straight(), controller=controller, end_yaw=1.0)[1] == pytest.approx(0.5)
-
-
-def test_controller_without_state_forgets_at_once_that_it_was_at_the_goal():
     controller = Alone(DEFAULT.with_values(stateful=False), CORNER)
     assert command(straight(length_m=0.1), controller=controller)[1] == 0.0
     assert command(straight(), controller=controller)[1] == pytest.approx(0.5)

@@ -100,28 +100,6 @@ def test_log_lines_carry_the_simulated_time(staged):
     assert there == f"{execution.recording.run.simulated_s:.1f} s: there"
 
 
-def test_variables_are_counted_and_waited_for_while_the_robot_drives(staged):
-    text = """
-        var rounds: int = 0
-        do parallel:
-            serial:
-                robot.init_nav2(start)
-                robot.nav_to_pose(near)
-                compare(rounds, '==', 3)
-            serial:
-                repeat(3)
-                wait elapsed(0.5s)
-                increment(rounds)
-            serial:
-                wait rounds == 2
-                log('twice')
-    """
-    execution = execute(staged(text), 0)
-    assert execution.recording.run.outcome == "succeeded"
-    (twice,) = execution.log.lines
-    assert twice.endswith("twice") and 1.0 <= float(twice.split()[0]) <= 1.5
-
-
 def test_numbers_drawn_in_a_run_follow_from_seed_and_index(staged):
     text = "var x: float = random.get_float(0.0, 1.0)\ndo serial:\n    robot.init_nav2(start)\n    log(x)\n    log(random.get_int(0, 1000000))"
     scenario = staged(text)

@@ -113,14 +113,6 @@ def test_scenario_with_an_entity_that_can_not_be_read_can_not_work(staged):
         run(scenario, 0)
 
 
-def test_box_spawned_on_the_robot_displaces_it_by_a_contact(staged):
-    recording = run(staged(f"spawn_multiple([{box('crate', 1.1, 1)}])\nwait elapsed(1s)"), 0)
-    assert recording.run.outcome == "succeeded"
-    (contact,) = happened(recording, "contact")
-    assert (contact.what, recording.run.reason) == ("crate", "a contact with crate at 0.2 s")
-    assert np.abs(way(recording)[-1] - [1.1, 1.0]).max() > 0.3
-
-
 def test_environment_obstacles_exist_from_start_and_can_be_deleted(staged):
     scenario = staged("delete_entity('plug')\nrobot.nav_to_pose(beyond)", obstacles=[PLUG])
     recording = run(scenario, 0)

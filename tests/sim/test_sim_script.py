@@ -73,23 +73,6 @@ def test_meaningless_value_or_name_is_refused(kind, task, message):
 GO = "scenario go:\n    speed: int = 1\n    do serial:\n        wait elapsed(1s)\n"
 
 
-def test_scenario_digest_depends_on_definitions_and_lines(tmp_path):
-    texts = {
-        "one": "import osc.types\n" + GO,
-        "elsewhere": "import osc.types\n" + GO,
-        "commented": "import osc.types # no line moves\n" + GO,
-        "moved": "import osc.types\n\n" + GO,
-        "other": "import osc.types\n" + GO.replace("1s", "2s"),
-    }
-    contents = {}
-    for name, text in texts.items():
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "go.osc").write_text(text)
-        contents[name] = abstract_content(tmp_path / name / "go.osc")
-    assert contents["one"] == contents["elsewhere"] == contents["commented"]
-    assert len({contents[name].digest for name in ("one", "moved", "other")}) == 3
-
-
 def test_file_is_read_once_for_all_its_scenarios_and_fast(staged, loops):
     scenario = staged("robot.nav_to_pose(beyond)\nlog('there')")
     assert script_of(scenario).definition is script_of(scenario).definition is definition_of(scenario.abstract)

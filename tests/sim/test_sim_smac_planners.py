@@ -341,15 +341,12 @@ def test_path_on_the_lattice_costs_within_two_percent_of_an_exhaustive_search(mo
     ratios = []
     for start, goal in (((0.8, 0.8, 0.0), (3.2, 2.2)), ((0.8, 2.2, 0.0), (3.2, 0.8)), ((0.6, 1.5, 1.2), (3.4, 1.5))):
         turn = round(start[2] * 16 / (2.0 * math.pi)) % 16
-        least = lattice_dijkstra(
-            q, costs, (start[0] / 0.05, start[1] / 0.05, turn), (int(goal[0] / 0.05), int(goal[1] / 0.05))
-        )
+        goal_cell = int(goal[0] / 0.05), int(goal[1] / 0.05)
+        least = lattice_dijkstra(q, costs, (start[0] / 0.05, start[1] / 0.05, turn), goal_cell)
         best = math.inf
         for heading in np.arange(16) * 2.0 * math.pi / 16:
-            given = situation(costs, start, (*goal, heading))
-            poses, _, code = searched(q, distances, given)
-            exact = code == 0 and tuple((poses[-1, :2]).astype(int)) == (int(goal[0] / 0.05), int(goal[1] / 0.05))
-            if exact:
+            poses, _, code = searched(q, distances, situation(costs, start, (*goal, heading)))
+            if code == 0 and tuple(poses[-1, :2].astype(int)) == goal_cell:
                 best = min(best, lattice_price(q, poses, costs))
         ratios.append(best / least)
     assert max(ratios) <= 1.02
