@@ -43,17 +43,10 @@ def radii(system):
     return tuple(value_of(parameters_of(system), f"{name}_costmap.robot_radius") for name in ("local", "global"))
 
 
-@each_row(
-    ("system", "expected"),
-    [
-        ({}, NavParameters()),
-        ({"controller": "mppi"}, NavParameters()),
-        ({"controller": "dwb"}, NavParameters(controller=DwbParameters())),
-        ({"controller": "rpp"}, NavParameters(controller=RppParameters())),
-    ],
-)
-def test_default_stack_is_nav2_jazzys_with_the_named_controller(system, expected):
-    assert parameters_of(system) == expected
+def test_default_stack_is_nav2_jazzys_with_the_named_controller():
+    assert parameters_of({}) == parameters_of({"controller": "mppi"}) == NavParameters()
+    assert parameters_of({"controller": "dwb"}) == NavParameters(controller=DwbParameters())
+    assert parameters_of({"controller": "rpp"}) == NavParameters(controller=RppParameters())
 
 
 @each_row(

@@ -1,34 +1,23 @@
 """Missions of a robot with a polygon for a footprint, in two rooms with a door between them."""
 
 import pytest
-import shapely
-import shapely.affinity
 
 from vastflow.sim.run import run
 from vastflow.sim.world.occupancy import OccupancyMap
 
 LONG = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
-BODY = shapely.box(-0.35, -0.25, 0.35, 0.25)
 
 
 @pytest.fixture
-def rooms_with_a_door(two_rooms_map):
-    """The two rooms with a door at x 4.1..4.3 m from y 1.8 m on."""
+def mission(saved, scenario, two_rooms_map):
+    """A mission of the long robot through the two rooms' door, which begins at y 1.8 m."""
 
-    def make(width_m):
+    def make(controller, door_m, **system):
         cells = two_rooms_map.cells.copy()
         cells[:, 82:86] = 100
-        cells[36 : 36 + round(width_m / 0.05), 82:86] = 0
-        return cells
-
-    return make
-
-
-@pytest.fixture
-def mission(saved, scenario, rooms_with_a_door):
-    def make(controller, door_m, **system):
-        map_file = saved(OccupancyMap(rooms_with_a_door(door_m), 0.05, (0.0, 0.0)))
+        cells[36 : 36 + round(door_m / 0.05), 82:86] = 0
         footprints = {"local_costmap.footprint": LONG, "global_costmap.footprint": LONG}
+        map_file = saved(OccupancyMap(cells, 0.05, (0.0, 0.0)))
         return scenario(controller=controller, map_file=map_file, **footprints, **system)
 
     return make

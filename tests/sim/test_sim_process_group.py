@@ -19,7 +19,6 @@ from vastflow.sim.scenario.programs.process import ProcessGroup
 
 pytestmark = pytest.mark.timeout(900)
 
-SLEEPS = "import time; time.sleep(600)"
 STUBBORN = """
 import signal, sys, time
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -122,21 +121,17 @@ def test_program_that_ignores_sigterm_is_killed_after_its_time(started):
     assert group.failure == "did not end within 0.3 s of SIGTERM and was killed"
 
 
-def test_children_that_began_sessions_of_their_own_end_with_the_program(started, mark):
-    group = started(FORKS, "stay")
-    until_printed(group)
+def test_children_in_sessions_of_their_own_end_with_a_program_or_after_it(started, mark):
+    stays = started(FORKS, "stay")
+    until_printed(stays)
     assert len(set(marked(mark))) == 3
-    group.stop(timeout_s=5)
+    stays.stop(timeout_s=5)
     assert list(marked(mark)) == []
-
-
-def test_children_that_a_program_leaves_behind_end_when_it_is_stopped(started, mark):
-    group = started(FORKS)
-    assert group.wait(120) == ""
+    leaves = started(FORKS)
+    assert leaves.wait(120) == ""
     assert len(set(marked(mark))) == 2
-    group.stop()
-    assert group.failure == ""
-    assert list(marked(mark)) == []
+    leaves.stop()
+    assert (leaves.failure, list(marked(mark))) == ("", [])
 
 
 def test_unmarked_child_is_found_by_parent(started):

@@ -23,7 +23,6 @@ from vastflow.sim.run import run
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.robot_model import Lidar, Robot
 
-BOX = "spawn_entity('{name}', pose_3d(position_3d({x}m, {y}m)), 'box', '{arguments}')"
 PLUG = {
     "entity_name": "plug",
     "model": "box",
@@ -33,7 +32,7 @@ PLUG = {
 
 
 def box(name, x, y, arguments="width:=0.4"):
-    return BOX.format(name=name, x=float(x), y=float(y), arguments=arguments)
+    return f"spawn_entity('{name}', pose_3d(position_3d({float(x)}m, {float(y)}m)), 'box', '{arguments}')"
 
 
 def way(recording):

@@ -19,15 +19,12 @@ def a_script(kind, environment=None, **task):
     return script_of(Scenario(f"builtin:{kind}", 60.0, environment or {}, {"start_pose": HERE, **task}, {}))
 
 
-def test_mission_to_a_pose_has_one_goal():
-    script = a_script("navigate_to_pose", goal_pose=THERE)
+@each_row("kind", ["navigate_to_pose", "navigate_through_poses", "follow_waypoints"])
+def test_missions_take_one_goal_and_those_through_poses_a_list(kind):
+    script = a_script(kind, goal_pose=THERE)
     assert (script.start, script.goals, script.rounds) == (Pose(1, 2), (Pose(3, 4, 1),), 1)
-
-
-@each_row("kind", ["navigate_through_poses", "follow_waypoints"])
-def test_through_poses_and_waypoints_take_a_list_or_one_goal(kind):
-    assert a_script(kind, goal_poses=[THERE, HERE]).goals == (Pose(3, 4, 1), Pose(1, 2))
-    assert a_script(kind, goal_pose=THERE).goals == (Pose(3, 4, 1),)
+    if kind != "navigate_to_pose":
+        assert a_script(kind, goal_poses=[THERE, HERE]).goals == (Pose(3, 4, 1), Pose(1, 2))
 
 
 def test_waypoints_are_repeated_as_often_as_asked():

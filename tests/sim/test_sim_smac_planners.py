@@ -376,19 +376,6 @@ def test_long_robot_passes_door_only_lengthwise():
     assert path_of(q, situation(narrow, start, goal, costmap), costmap) == 208
 
 
-def test_hybrid_path_to_a_goal_behind_turns_with_the_least_radius(over_a_floor):
-    stack = parameters_of({"controller": "rpp"})
-    stack = stack.with_values(
-        controller=stack.controller.with_values(
-            use_rotate_to_heading=False, use_cost_regulated_linear_velocity_scaling=False
-        ),
-        planner=SmacPlannerHybrid(minimum_turning_radius=0.6, analytic_expansion_max_length=8.0),
-    )
-    found = over_a_floor(stack, 8.0, yaw_rad=math.pi / 2)
-    assert found.run.outcome == "succeeded"
-    assert found.columns["y_mm"].max() > 2400
-
-
 def test_enforced_path_inversion_reverses_only_to_cusp(over_a_floor):
     """The path of a steering robot reverses in an arc of a quarter turn and then leads forward."""
     backward_m = {}
