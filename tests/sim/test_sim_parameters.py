@@ -70,7 +70,6 @@ def test_key_rewrites_every_path_that_ends_with_it_and_longest_key_counts(system
         ({"max_velocity.0": 0.4}, "velocity_smoother.max_velocity", (0.4, 0.0, 2.0)),
         ({"max_accel": [1, 0, 2.0]}, "velocity_smoother.max_accel", (1.0, 0.0, 2.0)),
         ({"laserscan_random_drop_percentage": "0.1"}, "lidar_noise.laserscan_random_drop_percentage", 0.1),
-        ({"random_drop_percentage": 0.2}, "lidar_noise.laserscan_random_drop_percentage", 0.2),
         ({"min_particles": "100"}, "amcl.min_particles", 100),
         ({"allow_unknown": "False"}, "planner.allow_unknown", False),
         ({"pf_err": "1e-2"}, "amcl.pf_err", 0.01),

@@ -92,12 +92,6 @@ def test_missions_of_several_goals_pass_each_in_order(scenario, mission, values,
     assert math.dist(final(recording), values["goal_poses"][-1].values()) < 0.4
 
 
-def test_goal_in_a_wall_is_replaced_by_the_nearest_one_within_the_tolerance(scenario):
-    recording = run(scenario(goal_pose={"x": 8.3, "y": 3.0, "yaw": 0.0}), 0)
-    assert recording.run.outcome == "succeeded"
-    assert 0.2 < math.dist(final(recording), (8.3, 3.0)) < 1.0
-
-
 def test_blocked_body_stays_while_odometry_advances(two_rooms):
     """A body of 0.65 m that plans for 0.22 m sticks in the door."""
     parameters, start = NavParameters(controller=Rpp()), Pose(1.0, 1.0)

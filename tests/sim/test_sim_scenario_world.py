@@ -7,8 +7,10 @@ import pytest
 from recorded import ends, happened
 from table import each_row
 
+from vastflow.oracles.observation.observe import ScenarioObserver
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.observation.trace import NoReference
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.obstacle import Obstacle
@@ -135,6 +137,7 @@ def test_obstacle_parameters_appear_when_spawned(staged):
     scenario = staged(text, crates=[PLUG])
     recording = run(scenario, 0)
     assert situation_of(scenario).obstacles == ()
+    assert isinstance(ScenarioObserver(scenario).observed(recording)[0], NoReference)
     assert [event.t_s for event in happened(recording, "spawned")] == [1.2]
     assert recording.run.entities == (Entity("plug", "box", 0.3, 1.4),)
 
