@@ -44,18 +44,9 @@ def test_dotted_parameters_and_slashed_nodes_are_nested_ones(written, nested):
 
 def test_csv_values_have_apparent_types():
     text = "a: {ros__parameters: {i: 1, f: 1.0, e: 1e-3, p: 1.0e-10, t: on, s: '1', d: 2024-01-01, n: , inf: .inf}}"
-    found = {path[-1]: value for path, value in values(text).items()}
-    assert found == {
-        "i": 1,
-        "f": 1.0,
-        "e": 0.001,
-        "p": 1e-10,
-        "t": True,
-        "s": "1",
-        "d": "2024-01-01",
-        "n": None,
-        "inf": float("inf"),
-    }
+    found = list(values(text).values())
+    assert found == [1, 1.0, 0.001, 1e-10, True, "1", "2024-01-01", None, float("inf")]
+    assert list(map(type, found[:3])) == [int, float, float]
 
 
 def test_aliases_and_merges_are_resolved_and_own_keys_win():
@@ -104,11 +95,8 @@ def test_aliases_may_not_exceed_maximum_depth():
 
 def test_missing_or_binary_file_is_a_fault_of_the_whole(tmp_path):
     (tmp_path / "latin.yaml").write_bytes(b"a:\n b: \xe4\n")
-    for name, message in (
-        ("none.yaml", "no such file"),
-        (".", "can't be read"),
-        ("latin.yaml", "2:5: file: byte 0xe4 is not UTF-8"),
-    ):
+    messages = {"none.yaml": "no such file", ".": "can't be read", "latin.yaml": "2:5: file: byte 0xe4 is not UTF-8"}
+    for name, message in messages.items():
         with pytest.raises(FileError, match=message):
             read_document(tmp_path / name)
 

@@ -10,14 +10,13 @@ from table import each_row
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.model.scenario import Mission, Scenario
+from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameter_files.plug_ins import PLANNER_PLUG_INS, find_planner
 from vastflow.sim.nav2.planners.conformance import CHECKS, check_paths, check_planner
-from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 PAGE = Path(__file__).parents[2] / "docs" / "write-a-planner.md"
@@ -57,29 +56,12 @@ def test_robot_drives_by_page_planner(folder, two_rooms_map):
     assert all(np.array_equal(one.columns[name], other.columns[name]) for name in one.columns)
 
 
-def test_edited_planner_changes_execute_key(folder, two_rooms):
-    def digest():
-        poses = {"start_pose": {"x": 2.0, "y": 2.4, "yaw": 0.0}, "goal_pose": {"x": 6.0, "y": 2.4, "yaw": 0.0}}
-        return checked_digest(
-            Scenario("builtin:navigate_to_pose", 20.0, {"map_file": two_rooms}, poses, system(folder))
-        )
-
-    before, file = digest(), folder / "my_wavefront.py"
-    assert digest() == before
-    file.write_text(file.read_text() + "\nMORE = 1\n")
-    assert digest() != before
-
-
 @each_row(
     ("edit", "message"),
     [
         ("most_cost|most_cots", "did you mean 'most_cost'?"),
-        ("most_cost: 200|most_cost: 300", "expected a number in [0, 252]"),
         ("Wavefront|Wavefrunt", "did you mean 'Wavefront'?"),
-        (
-            "my_wavefront.py:Wavefront|nav2_navfn_planner::NavFnPlanner",
-            "did you mean 'nav2_navfn_planner::NavfnPlanner'?",
-        ),
+        ("my_wavefront.py:Wavefront|nav2_navfn_planner::NavFnPlanner", "mean 'nav2_navfn_planner::NavfnPlanner'?"),
     ],
 )
 def test_parameter_file_with_wrong_planner_is_refused(folder, edit, message):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import path_cost as proof
 import pytest
-from navfn_paths import path, potential
+from navfn_paths import path
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
@@ -17,8 +17,8 @@ from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import give, new_stack, set_pose
 from vastflow.sim.nav2.parameters.servers import NavFn
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.nav2.planners.navfn import UNREACHED, travel_costs
-from vastflow.sim.nav2.planners.planner import GOAL_OUTSIDE, NO_VALID_PATH
+from vastflow.sim.nav2.planners.navfn import travel_costs
+from vastflow.sim.nav2.planners.planner import NO_VALID_PATH
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
 
@@ -195,28 +195,6 @@ def test_passed_goal_is_removed_from_plan():
     assert len(desk.path) == pytest.approx(len(desk.fresh((1.0, 3.0), goals[1])), abs=2)
 
 
-def test_goal_outside_map_differs_from_unreachable_goal():
-    assert Desk(two_doors(), (9.0, 1.5)).plan(1.0, 3.0) == GOAL_OUTSIDE
-
-
-def test_lower_bounds_are_the_potential_of_the_empty_map_and_hold_with_marks():
-    desk = Desk(two_doors(), (7.0, 1.5))
-    desk.plan(1.0, 3.0)
-    leg, to_goal = desk.memory.bounds[0], desk.memory.to_goal[0]
-    whole = potential(desk.grids.costs, (140, 30))
-    known = to_goal > 0.0
-    # NavFn's own order of updates is worth so much: a flood that is cut elsewhere has another.
-    np.testing.assert_allclose(to_goal[known], whole[known], rtol=0.01)
-    rows, columns = np.indices(whole.shape)
-    away = 49.5 * np.hypot(columns - leg["column"], rows - leg["row"])
-    on_a_way = (whole < UNREACHED) & (whole > 0.0) & (whole + away <= leg["reach"] - 254)
-    assert on_a_way.sum() > 1000
-    assert known[on_a_way].all()
-    desk.cost(slice(50, 70), slice(20, 60), 200)
-    desk.cost(slice(20, 30), slice(80, 82), 254)
-    assert (to_goal <= 1.01 * potential(desk.grids.costs, (140, 30))).all()
-
-
 def test_robot_is_planned_for_where_the_map_has_no_room():
     desk = Desk(two_doors(), (7.0, 1.5))
     place = 1.0, 0.2  # inscribed by the wall, beside a cell that is not
@@ -224,12 +202,3 @@ def test_robot_is_planned_for_where_the_map_has_no_room():
     desk.cost(slice(4, 8), slice(18, 23), 200)
     assert desk.plan(*place) == 0
     assert desk.path[:-1] == pytest.approx(desk.fresh(place, (7.0, 1.5))[: len(desk.path) - 1])
-
-
-def test_plan_where_bounds_are_at_hand_is_one_flood():
-    desk = Desk(two_doors(), (7.0, 1.5))
-    desk.plan(1.0, 3.0)
-    floods = int(desk.memory.floods[0])
-    desk.plan(1.5, 2.5)
-    assert desk.memory.floods[0] == floods + 1
-    assert (desk.memory.potential < UNREACHED).sum() < 0.7 * (potential(desk.grids.costs, (30, 50)) < UNREACHED).sum()

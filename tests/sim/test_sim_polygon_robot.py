@@ -45,17 +45,13 @@ def test_robot_without_a_polygon_is_a_disc(text):
         ("[[0.2, 0.2]]", "three or more vertices"),
         ("[[0.2, 0.2], [0.1, 0.1, 0.1], [0.0, 0.3]]", "three or more vertices"),
         ("[[a, b], [0.1, 0.1], [0.0, 0.3]]", "three or more vertices"),
-        ("[[1e999, 0.0], [0.1, 0.1], [0.0, 0.3]]", "three or more vertices"),
         (f"[[{10**400}, 0], [0.1, 0.1], [0.0, 0.3]]", "vertices within 10 m"),
         ("[[10.1, 0.0], [-0.1, 0.1], [0.0, -0.3]]", "vertices within 10 m"),
         ("[" * 300, "three or more vertices"),
         ("[[0.1, 0.1], [0.2, 0.2], [0.3, 0.3]]", "a polygon with an area"),
         ("[[0.3, 0.3], [-0.3, -0.2], [0.3, -0.3], [-0.3, 0.3]]", "do not cross"),
         ("[[0.3, 0.1], [0.5, 0.1], [0.5, 0.3]]", r"round the robot's origin \(0, 0\)"),
-        (
-            str([[0.3 * math.cos(k), 0.3 * math.sin(k)] for k in np.linspace(0, 6, 40)]),
-            "32 vertices at most, and not of 40",
-        ),
+        (str([[math.cos(k), math.sin(k)] for k in np.linspace(0, 6, 40)]), "32 vertices at most, and not of 40"),
     ],
 )
 def test_polygon_that_no_robot_has_is_refused(text, right):
@@ -76,12 +72,11 @@ def inside(outline, x, y):
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.sampled_from([RECTANGLE, NOTCHED]), st.booleans())
 def test_inside_test_works_for_any_outline(x, y, text, turned):
-    vertices = np.array(vertices_of(text))
+    vertices, point = np.array(vertices_of(text)), shapely.Point(x, y)
     polygon = shapely.Polygon(vertices)
-    if polygon.exterior.distance(shapely.Point(x, y)) > 1e-9:
-        assert inside(np.ascontiguousarray(vertices[::-1] if turned else vertices), x, y) == polygon.contains(
-            shapely.Point(x, y)
-        )
+    outline = np.ascontiguousarray(vertices[::-1] if turned else vertices)
+    if polygon.exterior.distance(point) > 1e-9:
+        assert inside(outline, x, y) == polygon.contains(point)
 
 
 def test_body_is_the_polygon_without_its_padding_or_a_disc_of_the_radius():
@@ -93,12 +88,11 @@ def test_body_is_the_polygon_without_its_padding_or_a_disc_of_the_radius():
 
 
 def test_actuators_reach_smoother_limits_or_turtlebot_4():
-    fast = robot_of(
-        NavParameters(velocity_smoother=VelocitySmoother(max_velocity=(1.5, 0.0, 2.5), max_accel=(4.0, 0.0, 3.2)))
-    )
+    def smoothed(**limits):
+        return robot_of(NavParameters(velocity_smoother=VelocitySmoother(**limits)))
+
+    fast = smoothed(max_velocity=(1.5, 0.0, 2.5), max_accel=(4.0, 0.0, 3.2))
     assert (fast.max_speed_mps, fast.max_acceleration_mps2, fast.max_yaw_rate_radps) == (1.5, 4.0, 2.5)
     assert fast.max_yaw_acceleration_radps2 == 3.0
-    slow = robot_of(
-        NavParameters(velocity_smoother=VelocitySmoother(max_velocity=(0.2, 0.0, 1.0), min_velocity=(-0.2, 0.0, -1.0)))
-    )
+    slow = smoothed(max_velocity=(0.2, 0.0, 1.0), min_velocity=(-0.2, 0.0, -1.0))
     assert (slow.max_speed_mps, slow.max_acceleration_mps2) == (0.5, 2.0)

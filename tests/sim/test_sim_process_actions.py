@@ -65,8 +65,6 @@ def until_printed(run, label):
     [
         ("sh -c 'exit 0'", Status.SUCCESS, "sh exited with code 0"),
         ("sh -c 'echo no route >&2; exit 1'", Status.FAILURE, "sh exited with code 1: no route"),
-        ("sh -c 'exit 126'", Status.FAILURE, "sh exited with code 126"),
-        ("sh -c 'exit 127'", Status.FAILURE, "sh exited with code 127"),
     ],
 )
 def test_program_succeeds_with_code_0_and_fails_with_its_last_words(entered, command, status, message):
@@ -77,13 +75,11 @@ def test_program_succeeds_with_code_0_and_fails_with_its_last_words(entered, com
     ("command", "message"),
     [
         ("no-such-program --fast", "'no-such-program' could not be started: no program of this name in PATH"),
-        ("./data.txt", r"'\./data\.txt' could not be started: it is not executable"),
         ("", "expected a command, got nothing"),
         ("echo 'a", 'command "echo \'a": no closing quotation'),
     ],
 )
-def test_command_that_can_not_be_started_is_no_failure_of_a_program(entered, run, command, message):
-    (run.folders.out / "data.txt").touch()
+def test_command_that_can_not_be_started_is_no_failure_of_a_program(entered, command, message):
     with pytest.raises(ScenarioError, match=message):
         entered("run_process", command=command)
 
@@ -121,18 +117,13 @@ def test_repeated_action_restarts_program(entered, run):
     assert (run.folders.out / "times").read_text() == "xx"
 
 
-def test_log_check_succeeds_when_one_of_the_values_is_printed(entered, run):
-    check = entered("process_log_check", process_name="sim", values=["never", "rea"])
+def test_log_check_succeeds_when_a_value_is_printed_though_in_two_writes(entered):
+    check = entered("process_log_check", process_name="sim", values=["never", "one two"])
     assert check.update() is Status.RUNNING
     assert check.message == "no run_process labeled 'sim' has begun"
-    entered("run_process", "sim", command=python(SLEEPS))
-    assert outcome(check) == (Status.SUCCESS, "'sim' printed 'rea'")
-
-
-def test_log_check_finds_value_split_over_writes(entered):
     text = "import time; print('one t', end='', flush=True); time.sleep(0.1); print('wo', flush=True); time.sleep(600)"
     entered("run_process", "sim", command=python(text))
-    assert outcome(entered("process_log_check", process_name="sim", values=["one two"]))[0] is Status.SUCCESS
+    assert outcome(check) == (Status.SUCCESS, "'sim' printed 'one two'")
 
 
 def test_log_check_fails_when_program_has_ended(entered, run):
@@ -165,11 +156,7 @@ OUTSIDE = {"file_path": "x.yaml", "key_path": "a", "value": "2", "output_file": 
     ("action", "arguments", "message"),
     [
         ("check_process_running", {"process_name": "(", "regex": True}, r"'\(' is no regular expression"),
-        (
-            "monitor_resources",
-            {"file_name": "../use.csv"},
-            r"expected a file below the run's folder, got '\.\./use\.csv'",
-        ),
+        ("monitor_resources", {"file_name": "../use.csv"}, "expected a file below the run's folder, got '../use"),
         ("set_yaml_value", OUTSIDE, "set_yaml_value: expected an output_file in the run's folder"),
     ],
 )
@@ -180,17 +167,9 @@ def test_argument_that_no_run_can_have_is_the_scenarios_error(entered, action, a
 
 def test_files_are_searched_in_run_folder(entered, run):
     (run.folders.out / "there").touch()
-    statuses = {
-        (name, file): entered(name, file_name=file).update()
-        for name in ("check_file_exists", "check_file_not_exists")
-        for file in ("there", "gone")
-    }
-    assert statuses == {
-        ("check_file_exists", "there"): Status.SUCCESS,
-        ("check_file_exists", "gone"): Status.FAILURE,
-        ("check_file_not_exists", "there"): Status.FAILURE,
-        ("check_file_not_exists", "gone"): Status.SUCCESS,
-    }
+    for name, file, other in (("check_file_exists", "there", "gone"), ("check_file_not_exists", "gone", "there")):
+        assert entered(name, file_name=file).update() is Status.SUCCESS
+        assert entered(name, file_name=other).update() is Status.FAILURE
 
 
 def test_resource_series_are_written_at_end(entered, run):
@@ -228,10 +207,7 @@ def test_value_of_a_yaml_file_is_set(entered, run, arguments, changed):
         ({"key_path": "a.x", "create_missing": False}, "key_path 'a.x' leads nowhere: there is no 'x'"),
         ({"key_path": "a.b", "value_type": "int"}, "expected one of type int, got value 'v'"),
         ({"key_path": "a.b", "value_type": "bool"}, "expected true or false, got 'v'"),
-        (
-            {"key_path": "a.b", "value_type": "text"},
-            "expected a value_type of str, int, float, bool, got value_type 'text'",
-        ),
+        ({"key_path": "a.b", "value_type": "text"}, "expected a value_type of str, int, float, bool, got value_type "),
     ],
 )
 def test_value_that_can_not_be_set_fails(entered, run, arguments, message):

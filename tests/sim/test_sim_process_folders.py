@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -62,10 +63,7 @@ def printed(run, *command):
 
 def test_pre_and_post_commands_write_only_to_out(begun):
     before = set(os.listdir("/"))
-    files = {
-        "files/pre.sh": "#!/bin/sh\n\ntouch /out/before",
-        "files/post.sh": "#!/bin/sh\n\necho $* > /out/after",
-    }
+    files = {"files/pre.sh": "#!/bin/sh\n\ntouch /out/before", "files/post.sh": "#!/bin/sh\n\necho $* > /out/after"}
     with begun(files, pre_command="/config/files/pre.sh", post_command="/config/files/post.sh one") as run:
         record = run.close()
     assert record.post_command == ""
@@ -95,15 +93,11 @@ def test_programs_know_the_folders_by_their_names(begun, tmp_path):
 
 
 def test_undeclared_run_file_is_named(begun):
-    with begun({"a.txt": "a"}) as run:
-        with pytest.raises(ScenarioError, match=r"no file that execution\.run_files matches lies there"):
-            run.start(["/config/other.py"])
-        with pytest.raises(ScenarioError, match="no program of this name in PATH"):
-            run.start(["no-such-program", "/out"])
-    with (
-        pytest.raises(ScenarioError, match=r"pre_command: there is no file '/config/other\.sh'"),
-        begun(pre_command="/config/other.sh"),
-    ):
+    unmatched_file = r"no file that execution\.run_files matches lies there"
+    with begun({"a.txt": "a"}) as run, pytest.raises(ScenarioError, match=unmatched_file):
+        run.start(["/config/other.py"])
+    missing = r"pre_command: there is no file '/config/other\.sh'"
+    with pytest.raises(ScenarioError, match=missing), begun(pre_command="/config/other.sh"):
         pass
 
 
@@ -115,11 +109,16 @@ def test_file_of_bytes_is_never_rewritten(begun):
         assert (run.folders.config / "data.bin").read_bytes() == content
 
 
-def test_run_keeps_no_namespace_after_its_end(begun):
-    before = len(os.listdir("/proc/self/fd")) if Path("/proc").is_dir() else 0
-    with begun({"a.txt": "a"}) as run:
-        printed(run, "cat", "/config/a.txt")
-    assert (len(os.listdir("/proc/self/fd")) if Path("/proc").is_dir() else 0) == before
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="descriptors are read from /proc")
+def test_run_leaves_no_descriptor_namespace_or_thread(begun):
+    used = []
+    for _ in range(3):
+        with begun({"a.txt": "a"}) as run:
+            printed(run, "cat", "/config/a.txt")
+            with pytest.raises(ScenarioError, match="no program of this name in PATH"):
+                run.start(["no-such-program", "/out"])
+        used.append((len(os.listdir("/proc/self/fd")), threading.active_count()))
+    assert used[-1] <= used[0]
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="signals are read from /proc")
@@ -173,15 +172,6 @@ def test_name_below_config_is_a_path_below_the_campaigns_folder(name, path):
 PROBE = "from vastflow.sim.scenario.programs.folders import can_mount; print(can_mount())"
 
 
-def probed(*prefix):
-    """The answer of `can_mount` in a process that is started so."""
-    if not shutil.which(prefix[0]) or subprocess.run([*prefix, "true"], check=False, capture_output=True).returncode:
-        pytest.skip(f"{prefix[0]} can't do this here")
-    return subprocess.run(
-        [*prefix, sys.executable, "-c", PROBE], capture_output=True, text=True, check=True
-    ).stdout.strip()
-
-
 def test_can_mount_is_false_without_bubblewrap(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     assert not folders.can_mount.__wrapped__()
@@ -189,13 +179,10 @@ def test_can_mount_is_false_without_bubblewrap(monkeypatch, tmp_path):
 
 def test_machine_that_forbids_mounts_is_known():
     forbid = 'echo 0 > /proc/sys/user/max_mnt_namespaces; exec "$@"'
-    assert probed("unshare", "--user", "--map-root-user", "sh", "-c", forbid, "sh") == "False"
-
-
-@pytest.mark.skipif(not folders.can_mount(), reason="bubblewrap is missing, or this machine forbids namespaces")
-def test_user_without_rights_mounts_in_a_user_namespace():
-    dropped = ("setpriv", "--bounding-set=-sys_admin", "--inh-caps=-all")
-    assert probed(*dropped) == probed(*dropped, "unshare", "--user", "--map-current-user")
+    command = ("unshare", "--user", "--map-root-user", "sh", "-c", forbid, "sh")
+    if not shutil.which("unshare") or subprocess.run([*command, "true"], check=False, capture_output=True).returncode:
+        pytest.skip("unshare can't do this here")
+    assert subprocess.check_output([*command, sys.executable, "-c", PROBE]) == b"False\n"
 
 
 def test_map_is_handed_to_programs_with_its_picture_unless_it_changed(tmp_path):
@@ -211,31 +198,19 @@ def test_map_is_handed_to_programs_with_its_picture_unless_it_changed(tmp_path):
             assert load_map(place / name).digest == content.digest
         assert run.close().outputs.files == {}
     (folder / "hall.pgm").write_bytes(b"P5 2 2 255\n" + bytes(4))
+    changed = r"map_file: '.*hall\.yml' changed since the campaign was read; run it again"
     with (
-        pytest.raises(
-            ScenarioError, match=r"map_file: '.*hall\.yml' changed since the campaign was read; run it again"
-        ),
+        pytest.raises(ScenarioError, match=changed),
         process_run(ProcessSetup(), {"map_file": content}, where=tmp_path),
     ):
         pass
 
 
-TREE = (
-    "run.py",
-    "notes.txt",
-    ".hidden",
-    "files/a.py",
-    "files/b.yaml",
-    "files/deep/er/c.py",
-    "files/.git/config",
-    "files/__pycache__/a.pyc",
-)
-
-
 @pytest.fixture
 def campaign(tmp_path):
     folder = tmp_path / "campaign"
-    for name in TREE:
+    below = ("a.py", "b.yaml", "deep/er/c.py", ".git/config", "__pycache__/a.pyc")
+    for name in ("run.py", "notes.txt", ".hidden", *(f"files/{name}" for name in below)):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(name)
     return folder
@@ -246,11 +221,9 @@ def campaign(tmp_path):
     [
         ("run.py", ["run.py"]),
         ("*.py", ["files/a.py", "files/deep/er/c.py", "run.py"]),
-        ("c.py", ["files/deep/er/c.py"]),
         ("files/*.py", ["files/a.py"]),
         ("./files/*.py", ["files/a.py"]),
         ("files/**", ["files/a.py", "files/b.yaml", "files/deep/er/c.py"]),
-        ("files/**/*.py", ["files/a.py", "files/deep/er/c.py"]),
         ("**", ["files/a.py", "files/b.yaml", "files/deep/er/c.py", "notes.txt", "run.py"]),
         ("**/[ab].*", ["files/a.py", "files/b.yaml"]),
         ("**/[!ab].py", ["files/deep/er/c.py"]),

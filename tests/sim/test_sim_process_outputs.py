@@ -72,12 +72,8 @@ def test_parquet_gives_the_same_columns(tmp_path):
     )
     pa.parquet.write_table(table, tmp_path / "x.parquet")
     columns, notes = read_foreign_table("x.parquet", (tmp_path / "x.parquet").read_bytes())
-    assert {name: (values.dtype.kind, values.tolist()) for name, values in columns.items()} == {
-        "n": ("i", [1]),
-        "x": ("f", [0.5]),
-        "yes": ("b", [True]),
-        "who": ("U", ["a"]),
-    }
+    found = [(name, values.dtype.kind, values.tolist()) for name, values in columns.items()]
+    assert found == [("n", "i", [1]), ("x", "f", [0.5]), ("yes", "b", [True]), ("who", "U", ["a"])]
     assert notes == ("column 'list' is left out: no numbers, truth values or text but list<element: int64>",)
 
 
@@ -130,13 +126,8 @@ def test_links_out_of_the_folder_are_not_followed(tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
     (folder / "data").write_text("x")
-    for name, target in (
-        ("file", "../secret/key"),
-        ("folder", "../secret"),
-        ("broken", "nowhere"),
-        ("inside", "data"),
-        ("loop", "loop"),
-    ):
+    targets = {"file": "../secret/key", "folder": "../secret", "broken": "nowhere", "inside": "data", "loop": "loop"}
+    for name, target in targets.items():
         (folder / name).symlink_to(target)
     found = read_outputs(folder, {})
     assert dict(found.files) == {"data": b"x", "inside": b"x"}

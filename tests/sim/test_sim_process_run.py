@@ -1,6 +1,5 @@
 import os
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -77,10 +76,8 @@ def test_record_has_files_and_prints_of_a_run(begun):
 def test_exports_of_the_pre_command_reach_the_programs(begun, campaign):
     (campaign / "pre.sh").write_text("echo sourcing $FROM\nexport FOR_YOU=$'two\\nlines'\nhelper() { :; }\n")
     with begun(pre_command="pre.sh", environment={"FROM": "here"}) as run:
-        assert (
-            said(run, "import os; print(repr(os.environ['FOR_YOU']), os.getcwd())")
-            == rf"'two\nlines' {run.folders.out}"
-        )
+        told = said(run, "import os; print(repr(os.environ['FOR_YOU']), os.getcwd())")
+        assert told == rf"'two\nlines' {run.folders.out}"
         record = run.close()
     assert (record.logs[0].label, record.logs[0].text) == ("pre_command", "sourcing here\n")
 
@@ -199,19 +196,3 @@ def test_locked_program_folder_is_removed(begun):
         said(run, "import os; os.mkdir('a'); open('a/b', 'w'); os.chmod('a', 0)")
         folder = Path(run.folders.out)
     assert not os.path.lexists(folder)
-
-
-def test_run_leaves_no_descriptor_and_no_thread_behind(begun):
-    def descriptors():
-        return len(os.listdir("/proc/self/fd"))
-
-    with begun() as run:
-        said(run, "pass")
-    before = descriptors(), threading.active_count()
-    for _ in range(3):
-        with begun() as run:
-            said(run, "pass")
-            with pytest.raises(ScenarioError, match="no program of this name"):
-                run.start(["no-such-program"])
-            run.close()
-    assert (descriptors(), threading.active_count()) <= before

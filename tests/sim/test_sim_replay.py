@@ -62,7 +62,7 @@ def test_snapshots_have_the_requested_ticks_and_costs(short, replayed):
     assert outside.global_costs.costs.size == 0
 
 
-def test_scan_ends_on_walls_and_box(replayed):
+def test_scan_ends_on_walls_and_box_and_is_marked(replayed):
     scan = replayed.snapshots[0].scan_xy_m
     walls = np.abs(scan[:, [0]] - [0.2, 8.2]).min(axis=1) < 0.1
     walls |= np.abs(scan[:, [1]] - [0.2, 5.2]).min(axis=1) < 0.1
@@ -71,15 +71,11 @@ def test_scan_ends_on_walls_and_box(replayed):
     assert len(scan) > 300
     assert (walls | box).all()
     assert box.sum() > 5
-
-
-def test_local_costmap_marks_scan_end_points(replayed):
-    snapshot = replayed.snapshots[0]
-    patch = snapshot.local_costs
+    patch = replayed.snapshots[0].local_costs
     marks = np.argwhere(patch.costs == LETHAL)[:, ::-1]
     at = (patch.corner.x_m, patch.corner.y_m) + (marks + 0.5) * patch.resolution_m  # the start's yaw is 0
     assert len(at) > 10
-    away = np.hypot(*(at[:, None] - snapshot.scan_xy_m).transpose(2, 0, 1)).min(axis=1)
+    away = np.hypot(*(at[:, None] - scan).transpose(2, 0, 1)).min(axis=1)
     assert away.max() < 0.06
 
 

@@ -48,13 +48,10 @@ def alone(name):
 
 def first_moves(found):
     """Rows before the robot first drives: command's speed, yaw rate (rad/s), and the true yaw (rad) when it drives."""
-    speeds = found.columns["command_speed_mmps"]
+    names = "command_speed_mmps", "command_yaw_rate_mradps", "yaw_mrad"
+    speeds, rates, yaw = (found.columns[name] for name in names)
     first = int(np.argmax(speeds > 0))
-    return (
-        speeds[:first],
-        found.columns["command_yaw_rate_mradps"][:first] * 1e-3,
-        found.columns["yaw_mrad"][first] * 1e-3,
-    )
+    return speeds[:first], rates[:first] * 1e-3, yaw[first] * 1e-3
 
 
 def test_key_controller_keeps_shim_of_file_round_named_controller(tmp_path):
@@ -129,9 +126,7 @@ def test_shim_leaves_path_to_controller_when_robot_can_not_turn(over_a_floor):
     assert np.abs(blocked.columns["command_yaw_rate_mradps"][:10]).max() == 0
 
 
-def test_robot_turns_to_headings_of_its_path_with_use_path_orientations(
-    over_a_floor,
-):
+def test_robot_turns_to_headings_of_its_path_with_use_path_orientations(over_a_floor):
     """The robot shall reach a goal behind it backward; map and odometry head alike at the start."""
     moves = {}
     for oriented in (True, False):

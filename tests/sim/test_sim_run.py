@@ -3,14 +3,15 @@
 import gc
 import math
 import weakref
+from functools import partial
 
 import numpy as np
 import pytest
+from recorded import final, happened
 from shapely.geometry import Point
 from table import each_row
 
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.obstacle import obstacle_of
 from vastflow.sim.model.pose import Pose
@@ -23,29 +24,20 @@ from vastflow.sim.nav2.navigator.state import COLUMNS
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.run import ScenarioError, run
 from vastflow.sim.world.map_file import load_map
-from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 
 @pytest.fixture(scope="module")
 def scenario(scenario):
     """The two rooms' missions with the controller that is quickest to compute."""
-
-    def make(*args, **values):
-        return scenario(*args, **{"controller": "rpp", **values})
-
-    return make
+    return partial(scenario, controller="rpp")
 
 
 GOALS = [{"x": 3.0, "y": 4.0}, {"x": 6.0, "y": 1.5}, {"x": 7.0, "y": 4.0}]
 
 
 def kinds(recording, kind):
-    return [event.what for event in recording.run.events if event.kind == kind]
-
-
-def final_m(recording, x, y):
-    return math.hypot(si(recording.columns["x_mm"])[-1] - x, si(recording.columns["y_mm"])[-1] - y)
+    return [event.what for event in happened(recording, kind)]
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +49,7 @@ def test_robot_goes_through_the_door_to_its_goal_and_turns_to_its_heading(throug
     found = through_the_door.run
     assert (found.outcome, found.error_code, found.reason, found.recoveries) == ("succeeded", 0, "", 0)
     assert (kinds(through_the_door, "goal_reached"), kinds(through_the_door, "contact")) == (["0"], [])
-    assert final_m(through_the_door, 7.0, 4.0) < 0.4
+    assert math.dist(final(through_the_door), (7.0, 4.0)) < 0.4
     assert 6.5 < found.distance_m < 9.0
     yaw_error = si(through_the_door.columns["estimated_yaw_mrad"])[-1] - 2.5
     assert abs(math.remainder(yaw_error, 2 * math.pi)) <= 0.251
@@ -97,113 +89,16 @@ def test_missions_of_several_goals_pass_each_in_order(scenario, mission, values,
     assert nearest == sorted(nearest) or "number_of_loops" in values
     for goal in values["goal_poses"]:
         assert np.hypot(x - goal["x"], y - goal["y"]).min() < 1.0
-    assert final_m(recording, *values["goal_poses"][-1].values()) < 0.4
+    assert math.dist(final(recording), values["goal_poses"][-1].values()) < 0.4
 
 
-def test_mission_ends_as_timed_out_at_its_simulated_time(scenario):
-    recording = run(scenario(timeout_s=3.0), 0)
-    assert (recording.run.outcome, recording.run.error_code) == ("timed_out", 0)
-    assert recording.run.reason == "the scenario did not end within its time, waiting for nav_to_pose"
-    assert (recording.run.simulated_s, recording.columns["t_ms"][-1]) == (3.0, 3000)
-
-
-@pytest.fixture(scope="module")
-def walled_off(saved, two_rooms):
-    """The two rooms with their door walled up."""
-    cells = load_map(two_rooms.path).cells.copy()
-    cells[:, 82:86] = 100
-    return saved(OccupancyMap(cells, 0.05, (0.0, 0.0)))
-
-
-def test_goal_behind_a_wall_is_given_up_after_the_round_of_recoveries(scenario, walled_off):
-    recording = run(scenario(map_file=walled_off), 0)
-    assert (recording.run.outcome, recording.run.error_code) == ("aborted", 208)
-    assert recording.run.reason.startswith("no path to the goal (NO_VALID_PATH), after ")
-    recoveries = kinds(recording, "recovery")
-    # Nav2 counts actions, and a clearing of both costmaps is two.
-    assert recording.run.recoveries == len(recoveries) + recoveries.count("clear both costmaps")
-    in_turn = [name for name in recoveries if name != "clear global costmap"]
-    assert in_turn == ["clear both costmaps", "spin", "wait", "back up", "clear both costmaps", "spin"]
-    assert recoveries.count("clear global costmap") == 7
-    assert kinds(recording, "plan_failed") == ["208"] * 14
-
-
-@each_row(
-    ("mission", "goals", "outcome", "error_code", "missed", "reached"),
-    [
-        ("follow_waypoints", [GOALS[2], GOALS[0]], "succeeded", 0, ["0"], ["1"]),
-        ("navigate_through_poses", [GOALS[0], GOALS[2]], "aborted", 308, [], []),
-    ],
-)
-def test_unreachable_goal_is_missed_by_waypoints_alone(
-    scenario, walled_off, mission, goals, outcome, error_code, missed, reached
-):
-    recording = run(scenario(mission, map_file=walled_off, goal_poses=goals), 0)
-    assert (recording.run.outcome, recording.run.missed_goals) == (outcome, len(missed))
-    assert recording.run.error_code == error_code or outcome == "succeeded"
-    assert (kinds(recording, "goal_missed"), kinds(recording, "goal_reached")) == (missed, reached)
-
-
-def test_goal_in_a_wall_is_replaced_by_the_nearest_one_within_the_tolerance(scenario):
-    recording = run(scenario(goal_pose={"x": 8.3, "y": 3.0, "yaw": 0.0}), 0)
-    assert recording.run.outcome == "succeeded"
-    assert 0.2 < final_m(recording, 8.3, 3.0) < 1.0
-
-
-@each_row("start_pose", [{"x": 4.2, "y": 4.5}, {"x": 0.1, "y": 0.1}, {"x": -5.0, "y": 2.0}, {"x": 0.25, "y": 3.0}])
-def test_start_in_a_wall_or_off_the_map_ends_with_a_reason(scenario, start_pose):
-    recording = run(scenario(start_pose=start_pose), 0)
-    assert recording.run.outcome == "succeeded" or recording.run.reason
-    assert np.isfinite(recording.run.distance_m)
-
-
-CRATE = {"entity_name": "crate", "model": "box", "xacro_arguments": "width:=0.6", "spawn_pose": {"x": 2.6, "y": 1.7}}
-
-
-def clearance_m(recording, entry, since_s=0.0):
-    """Least distance from the robot's center to an obstacle."""
-    later = si(recording.columns["t_ms"]) >= since_s
-    way = zip(si(recording.columns["x_mm"])[later], si(recording.columns["y_mm"])[later], strict=True)
-    return min(obstacle_of(entry).footprint().distance(Point(*point)) for point in way)
-
-
-def test_obstacle_on_the_way_is_driven_round(scenario):
-    recording = run(scenario(obstacles=[CRATE]), 0)
-    assert (recording.run.outcome, kinds(recording, "contact")) == ("succeeded", [])
-    assert clearance_m(recording, CRATE) > Robot().radius_m
-
-
-def test_obstacle_in_the_door_closes_the_only_way(scenario):
-    plug = {**CRATE, "xacro_arguments": "width:=1.1, length:=0.3", "spawn_pose": {"x": 4.2, "y": 2.4}}
-    recording = run(scenario(obstacles=[plug], timeout_s=240.0), 0)
-    assert recording.run.outcome == "aborted"
-    assert recording.run.recoveries > 6
-    assert final_m(recording, 7.0, 4.0) > 2.5
-
-
-@pytest.fixture
-def wide(two_rooms, scenario):
-    """A robot with a body of 0.65 m that plans for 0.22 m: it sticks in the door."""
-
-    def make(timeout_s=60.0):
-        parameters = NavParameters(controller=Rpp())
-        prepared = prepare(load_map(two_rooms.path), Lidar(), parameters)
-        start, mission = Pose(1.0, 1.0), Mission("navigate_to_pose", (Pose(7.0, 4.0),))
-        return prepared, parameters, Lidar(), Robot(radius_m=0.65), start, mission, (), (0, 1, 2), timeout_s
-
-    return make
-
-
-def on_its_way(prepared, parameters, lidar, robot, start, mission, obstacles, entropy, timeout_s):
-    """A loop whose robot has its mission from the first tick on."""
-    loop = ClosedLoop(prepared, parameters, lidar, robot, start, obstacles, entropy, timeout_s)
+def test_blocked_body_stays_while_odometry_advances(two_rooms):
+    """A body of 0.65 m that plans for 0.22 m sticks in the door."""
+    parameters, start = NavParameters(controller=Rpp()), Pose(1.0, 1.0)
+    prepared = prepare(load_map(two_rooms.path), Lidar(), parameters)
+    loop = ClosedLoop(prepared, parameters, Lidar(), Robot(radius_m=0.65), start, (), (0, 1, 2), 60.0)
     loop.localize(start)
-    loop.navigate(mission)
-    return loop
-
-
-def test_blocked_body_stays_while_odometry_advances(wide):
-    loop = on_its_way(*wide())
+    loop.navigate(Mission("navigate_to_pose", (Pose(7.0, 4.0),)))
     m = loop.stack.m[0]
     rolled_m, truly_m = 0.0, 0.0
     for tick in range(1, round(12 / TICK_S)):
@@ -226,32 +121,10 @@ def test_run_leaves_nothing_in_memory(scenario):
         gc.enable()
 
 
-def test_outcome_reason_mentions_contacts(wide):
-    run = drive(*wide(timeout_s=12.0)).run
-    contacts = [event for event in run.events if event.kind == "contact"]
-    first = contacts[0]
-    told = "a contact" if len(contacts) == 1 else f"{len(contacts)} contacts, the first"
-    assert run.reason == f"the mission did not end within its time; {told} with wall at {first.t_s:.1f} s"
-
-
-def test_run_tick_by_tick_is_the_run_in_one_go(wide):
-    whole, by_ticks = on_its_way(*wide()), on_its_way(*wide())
-    whole.advance()
-    for tick in range(whole.tick + 1):
-        by_ticks.advance(tick)
-    assert whole.stack.m.tobytes() == by_ticks.stack.m.tobytes()
-    assert whole.stack.rows.tobytes() == by_ticks.stack.rows.tobytes()
-    assert list(whole.events) == list(by_ticks.events)
-
-
 def appearing(distance_m, x=3.0, y=2.4, **trigger):
     """A carton that appears when the robot comes that near, by default on the way to the door."""
     entry = {"entity_name": "carton", "model": "box", "xacro_arguments": "width:=0.4", "spawn_pose": {"x": x, "y": y}}
     return {**entry, "spawn_trigger": {"point": {"x": x, "y": y}, "threshold": distance_m, **trigger}}
-
-
-def happened(recording, kind):
-    return [event for event in recording.run.events if event.kind == kind]
 
 
 def test_obstacle_appears_when_the_robot_comes_within_its_distance(scenario):
@@ -270,7 +143,10 @@ def test_delayed_obstacle_appears_later_and_is_driven_round(scenario, delay_s=0.
     (spawned,) = happened(recording, "spawned")
     assert spawned.t_s == pytest.approx(at_once.t_s + delay_s)
     assert (recording.run.outcome, happened(recording, "contact")) == ("succeeded", [])
-    assert clearance_m(recording, appearing(1.9), spawned.t_s) > Robot().radius_m
+    later = si(recording.columns["t_ms"]) >= spawned.t_s
+    way = zip(si(recording.columns["x_mm"])[later], si(recording.columns["y_mm"])[later], strict=True)
+    footprint = obstacle_of(appearing(1.9)).footprint()
+    assert min(footprint.distance(Point(*point)) for point in way) > Robot().radius_m
 
 
 @each_row(("obstacle", "times_s"), [(appearing(0.5, x=1.0, y=4.5), []), (appearing(5.0), [0.0])])
@@ -278,17 +154,6 @@ def test_obstacle_appears_at_once_if_near_and_never_if_far(scenario, obstacle, t
     recording = run(scenario(obstacles=[obstacle]), 0)
     assert [event.t_s for event in happened(recording, "spawned")] == times_s
     assert recording.run.outcome == "succeeded"
-
-
-def test_box_spawned_ahead_of_robot_is_struck_pushed_and_recorded(scenario):
-    """At 0.5 m/s and 0.38 m from its center there is no stopping, nor time for a scan."""
-    recording = run(scenario(obstacles=[appearing(0.38)]), 0)
-    (spawned,) = happened(recording, "spawned")
-    contact = happened(recording, "contact")[0]
-    moved = happened(recording, "obstacle_moved")
-    assert (contact.what, contact.t_s >= spawned.t_s, contact.value > 0.1) == ("carton", True, True)
-    assert moved and math.dist((moved[-1].x_m, moved[-1].y_m), (3.0, 2.4)) > 0.001
-    assert " with carton at " in recording.run.reason
 
 
 @each_row(

@@ -1,19 +1,10 @@
 """Equal scenarios give equal recordings, behaviors included, wherever, whenever and beside whatever they are run."""
 
-import subprocess
-import sys
-import textwrap
 from concurrent.futures import ThreadPoolExecutor
-from unittest.mock import patch
 
-import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-from recorded import bodies
 from table import each_row
 
-from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.replay import replay
 from vastflow.sim.run import run
@@ -123,52 +114,6 @@ def test_skipped_ticks_change_nothing(staged, monkeypatch, name):
     assert few <= len(made) - few
 
 
-LEAVES = st.one_of(
-    st.builds(
-        "robot.nav_to_pose({}{})".format,
-        st.sampled_from(["near", "above", "start"]),
-        st.sampled_from(["", ", success_on_acceptance: true"]),
-    ),
-    st.builds("wait elapsed({:.2f}s)".format, st.floats(0.0, 3.0)),
-    st.builds("robot.odometry_distance_traveled({:.2f}m)".format, st.floats(0.0, 1.0)),
-    st.builds("wait turns >= {}".format, st.integers(0, 3)),
-    st.sampled_from(
-        [
-            *("increment(turns)", "wait @half", "emit half", "robot.init_nav2(start)", "emit end", "emit fail"),
-            *("robot.follow_waypoints([near, above])", "wait random.get_int(0, 20) == 7", "log(turns)"),
-            *(
-                f"spawn_multiple([{CRATE}])",
-                "delete_entity('crate')",
-                "actor_exists('crate')",
-                "compare(turns, '<', 2)",
-            ),
-        ]
-    ),
-)
-DURATIONS = st.integers(1, 40).map(lambda n: n / 10)
-BODIES = bodies(LEAVES, DURATIONS, st.sampled_from(["@half", "(turns >= 2)", "elapsed(1s)"]), max_leaves=8)
-
-
-@pytest.mark.slow
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(behavior=BODIES, run_index=st.integers(0, 3))
-def test_skipped_ticks_do_not_change_random_scenarios(staged, behavior, run_index):
-    head = "event half\nvar turns: int = 0\ndo serial:\n    robot.init_nav2(start)\n"
-    scenario = staged(head + textwrap.indent(behavior, "    "), timeout_s=12.0)
-    passed_over = came_to(scenario, run_index)
-    with patch.object(ScenarioTree, "next_tick", lambda self: self.number + 1):
-        assert came_to(scenario, run_index) == passed_over
-    assert came_to(scenario, run_index) == passed_over
-
-
-def came_to(scenario, run_index):
-    """The digest of a run's recording, or why there is none."""
-    try:
-        return run(scenario, run_index).digest
-    except ScenarioError as error:
-        return str(error)
-
-
 def test_runs_are_reproducible_and_distinct(mixed):
     digests = [run(mixed, k).digest for k in range(4)]
     assert len(set(digests)) == 4
@@ -184,26 +129,11 @@ def test_run_digest_depends_on_scenario_content_and_lines(staged, mixed):
         assert (other.digest, run(other, 0).digest) == (mixed.digest, first.digest)
     moved = staged(MIXED.replace("    var", "    # What is counted.\n    var"))
     assert moved.digest != mixed.digest
-    assert same(run(moved, 0), first)
+    again = run(moved, 0)
+    assert same(again, first) and again.digest != first.digest
     changed = staged(MIXED.replace("wait elapsed(0.7s)", "wait elapsed(0.8s)"))
     assert changed.digest != mixed.digest
     assert run(changed, 0).run.seed == first.run.seed
-
-
-@pytest.mark.slow
-def test_run_in_other_process_is_equal(mixed):
-    code = f"""
-from pathlib import Path
-from vastflow.sim.reading.abstract import abstract_content
-from vastflow.sim.world.map_file import map_content
-from vastflow.sim.run import run
-from vastflow.sim.model.scenario import Scenario
-content = abstract_content(Path({mixed.abstract.path!r}))
-environment = {{"map_file": map_content({mixed.environment["map_file"].path!r})}}
-print(run(Scenario(content, 60.0, environment, {{}}, {{"controller": "rpp"}}), 0).digest)
-"""
-    there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
-    assert there == run(mixed, 0).digest
 
 
 def test_runs_in_threads_do_not_disturb_each_other(staged, mixed):
@@ -229,23 +159,3 @@ def test_replay_repeats_run_tick_by_tick(staged, name):
     assert replayed.recording.digest == executed.digest
     ticks = round(executed.run.simulated_s / TICK_S)
     assert [moment.tick for moment in replayed.moments] == list(range(ticks))
-
-
-def test_watched_run_is_observed_at_requested_ticks(mixed):
-    seen = []
-    watched = run(
-        mixed,
-        0,
-        watch=lambda stack, tick: seen.append((tick, int(stack.m[0]["tick"]))),
-        watch_ticks=[0, 5, 6, 77, 9999],
-    )
-    assert seen == [(0, 1), (5, 6), (6, 7), (77, 78)]
-    assert watched.digest == run(mixed, 0).digest
-
-
-def test_table_of_behaviors_is_in_the_digest(staged):
-    """Two files that do the same under other labels."""
-    one, other = run(staged("one: wait elapsed(1s)"), 0), run(staged("two: wait elapsed(1s)"), 0)
-    assert one.run == other.run
-    assert all(np.array_equal(one.columns[name], other.columns[name]) for name in one.columns)
-    assert one.digest != other.digest

@@ -45,23 +45,6 @@ def test_member_of_a_message_is_compared_until_the_relation_holds(staged):
     assert status == "SUCCESS" and 0.9 < driven < 1.2
 
 
-def test_monitored_member_is_a_changing_variable(staged):
-    text = f"""
-        var x: float = 0.0
-        do serial:
-            robot.init_nav2(start)
-            topic_monitor({ODOMETRY}, target_variable: x, member_name: 'pose.pose.position.x')
-            parallel:
-                robot.nav_to_pose(near)
-                serial:
-                    half: wait x > 1.0
-                    log(x)
-    """
-    recording = run(staged(text), 0)
-    assert recording.run.outcome == "succeeded"
-    assert 0.5 < ends(recording, "half")[0][0] < recording.run.simulated_s
-
-
 def test_pose_that_was_heard_is_a_goal(staged):
     """The robot goes back to where AMCL took it to be when the scenario began."""
     text = """
@@ -76,16 +59,6 @@ def test_pose_that_was_heard_is_a_goal(staged):
     recording = run(staged(text), 0)
     assert recording.run.outcome == "succeeded"
     assert math.dist(final(recording), (3.0, 1.0)) < 0.6
-
-
-def test_goal_that_is_published_sends_the_robot_there(staged):
-    text = """
-        topic_publish('/goal_pose', 'geometry_msgs.msg.PoseStamped', '{\\"pose\\": {\\"position\\": {\\"x\\": 3.0, \\"y\\": 1.0}}}')
-        log_check(values: ['Goal succeeded'])
-    """
-    recording = run(staged(text), 0)
-    assert recording.run.outcome == "succeeded"
-    assert math.dist(final(recording), (3.0, 1.0)) < 0.4
 
 
 def test_published_velocity_moves_robot_until_smoother_timeout(staged):
@@ -142,12 +115,7 @@ def test_assert_tf_moving_fails_for_immobile_robot(staged):
     recording = run(staged(text), 0)
     assert recording.run.outcome == "failed"
     assert recording.run.reason.startswith("base_link has not moved for 2.")
-    driven = run(
-        staged(
-            "parallel:\n    assert_tf_moving('base_link', timeout: 2s)\n    serial:\n        robot.nav_to_pose(near)\n        emit end"
-        ),
-        0,
-    )
+    driven = run(staged(text.replace("wait elapsed(5s)", "emit end")), 0)
     assert driven.run.outcome == "succeeded"
 
 

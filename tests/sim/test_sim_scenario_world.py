@@ -10,6 +10,7 @@ from table import each_row
 from vastflow.oracles.observation.observe import ScenarioObserver
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.observation.trace import NoReference
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.obstacle import Obstacle
@@ -24,7 +25,6 @@ from vastflow.sim.run import run
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.robot_model import Lidar, Robot
 
-BOX = "spawn_entity('{name}', pose_3d(position_3d({x}m, {y}m)), 'box', '{arguments}')"
 PLUG = {
     "entity_name": "plug",
     "model": "box",
@@ -34,7 +34,7 @@ PLUG = {
 
 
 def box(name, x, y, arguments="width:=0.4"):
-    return BOX.format(name=name, x=float(x), y=float(y), arguments=arguments)
+    return f"spawn_entity('{name}', pose_3d(position_3d({float(x)}m, {float(y)}m)), 'box', '{arguments}')"
 
 
 def way(recording):
@@ -80,7 +80,8 @@ def test_box_in_front_of_a_robot_is_struck(staged, arguments, gives_way):
     recording = run(scenario, 0)
     contacts, moved = happened(recording, "contact"), happened(recording, "obstacle_moved")
     assert contacts and {event.what for event in contacts} == {"crate"}
-    assert f" with crate at {contacts[0].t_s:.1f} s" in recording.run.reason
+    told = "a contact" if len(contacts) == 1 else f"{len(contacts)} contacts, the first"
+    assert recording.run.reason.endswith(f"{told} with crate at {contacts[0].t_s:.1f} s")
     assert bool(moved) == gives_way
     (crate,), (spawned,) = obstacle_tracks_of(situation_of(scenario), recording.run), happened(recording, "spawned")
     t_ms = recording.columns["t_ms"]
@@ -113,14 +114,6 @@ def test_scenario_with_an_entity_that_can_not_be_read_can_not_work(staged):
         run(scenario, 0)
 
 
-def test_box_spawned_on_the_robot_displaces_it_by_a_contact(staged):
-    recording = run(staged(f"spawn_multiple([{box('crate', 1.1, 1)}])\nwait elapsed(1s)"), 0)
-    assert recording.run.outcome == "succeeded"
-    (contact,) = happened(recording, "contact")
-    assert (contact.what, recording.run.reason) == ("crate", "a contact with crate at 0.2 s")
-    assert np.abs(way(recording)[-1] - [1.1, 1.0]).max() > 0.3
-
-
 def test_environment_obstacles_exist_from_start_and_can_be_deleted(staged):
     scenario = staged("delete_entity('plug')\nrobot.nav_to_pose(beyond)", obstacles=[PLUG])
     recording = run(scenario, 0)
@@ -144,6 +137,7 @@ def test_obstacle_parameters_appear_when_spawned(staged):
     scenario = staged(text, crates=[PLUG])
     recording = run(scenario, 0)
     assert situation_of(scenario).obstacles == ()
+    assert isinstance(ScenarioObserver(scenario).observed(recording)[0], NoReference)
     assert [event.t_s for event in happened(recording, "spawned")] == [1.2]
     assert recording.run.entities == (Entity("plug", "box", 0.3, 1.4),)
 
@@ -168,17 +162,6 @@ def test_lidar_sees_spawned_and_not_deleted_obstacles(staged):
     run(staged(text), 0, watch=look, watch_ticks=[2, 12, 40])
     assert ahead_m[2] == ahead_m[40] == pytest.approx(3.1, abs=0.15)
     assert ahead_m[12] == pytest.approx(0.8, abs=0.15)
-
-
-def test_separation_is_observed_between_spawn_and_deletion(staged):
-    text = f"wait elapsed(1s)\nspawn_multiple([{box('crate', 2, 2)}])\nwait elapsed(1s)\ndelete_entity('crate')\nwait elapsed(1s)"
-    scenario = staged(text)
-    recording = run(scenario, 0)
-    _, derived = ScenarioObserver(scenario).observed(recording)
-    apart_mm, t_ms = derived["separation_mm/box 0.4 x 0.4 m"], recording.columns["t_ms"]
-    there = (t_ms >= 1200) & (t_ms < 2200)
-    assert set(apart_mm[there].tolist()) == {round(1000 * math.hypot(1.0, 1.0))}
-    assert (apart_mm[~there] > 1e6).all()
 
 
 @pytest.mark.parametrize("pushable", [False, True])

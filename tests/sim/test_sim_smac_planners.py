@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
@@ -110,27 +112,18 @@ def raw_path(parameters, given, costmap=None):
     return poses * [RESOLUTION_M, RESOLUTION_M, 1.0], iterations
 
 
-def dijkstra(costs, start, goal, penalty):
-    """The least cost from a cell to another over eight neighbors, every cell settled in its order."""
+def least_cost(costs, start, goal, penalty):
+    """The least cost from a cell to another over eight neighbors, exhaustively."""
     rows, columns = costs.shape
-    known, settled, waiting = {start: 0.0}, set(), [(0.0, start)]
-    while waiting:
-        value, here = heapq.heappop(waiting)
-        if here in settled:
-            continue
-        settled.add(here)
-        if here == goal:
-            return value
-        for dy in (-1, 0, 1):
-            for dx in (-1, 0, 1):
-                row, column = here[0] + dy, here[1] + dx
-                if not (0 <= row < rows and 0 <= column < columns) or costs[row, column] in (253, 254):
-                    continue
-                to = value + math.hypot(dx, dy) * (1.0 + penalty * costs[row, column] / 252.0)
-                if to < known.get((row, column), math.inf):
-                    known[row, column] = to
-                    heapq.heappush(waiting, (to, (row, column)))
-    return math.inf
+    numbers = np.pad(np.arange(costs.size).reshape(costs.shape), 1, constant_values=-1)
+    prices = (1.0 + penalty * costs / 252.0).ravel()
+    moves = []
+    for dy, dx in itertools.product((-1, 0, 1), repeat=2):
+        to = numbers[1 + dy : 1 + dy + rows, 1 + dx : 1 + dx + columns].ravel()
+        is_move = (to >= 0) & ((dy, dx) != (0, 0)) & ~np.isin(costs.ravel()[to], (253, 254))
+        moves.append([math.hypot(dx, dy) * prices[to[is_move]], np.flatnonzero(is_move), to[is_move]])
+    values, *ends = (np.concatenate(each) for each in zip(*moves, strict=True))
+    return dijkstra(coo_array((values, ends), shape=(costs.size, costs.size)), indices=start)[goal]
 
 
 def cost_2d(costs, cells, penalty):
@@ -145,15 +138,15 @@ def test_path_over_cells_has_minimum_cost(seed, penalty):
     lethal = draw.random((50, 60)) < 0.01
     costs = costs_of(lethal)
     free = np.argwhere(costs < 200)
-    start, goal = free[draw.integers(len(free), size=2)]
-    least = dijkstra(costs, tuple(start), tuple(goal), penalty)
+    start, goal = (row * 60 + column for row, column in free[draw.integers(len(free), size=2)].tolist())
+    least = least_cost(costs, start, goal, penalty)
     search = record(SmacPlanner2D(cost_travel_multiplier=penalty))
-    last, parents, code = searched_2d(search, costs, start[0] * 60 + start[1], goal[0] * 60 + goal[1])
+    last, parents, code = searched_2d(search, costs, start, goal)
     if not math.isfinite(least):
         return
     assert code == 0
     cells = [last]
-    while cells[-1] != start[0] * 60 + start[1]:
+    while cells[-1] != start:
         cells.append(parents[cells[-1]])
     path = np.array([divmod(int(cell), 60) for cell in cells[::-1]])
     assert cost_2d(costs, path, penalty) == pytest.approx(least, rel=1e-4)
@@ -248,21 +241,13 @@ def test_dubins_path_never_reverses_and_a_reeds_shepp_path_does():
     costs = costs_of(rooms(rows=44, columns=200, door=slice(0, 44)))
     start, goal = (6.0, 1.1, 0.0), (3.0, 1.1, 0.0)
     values = {"minimum_turning_radius": 0.5, "analytic_expansion_max_length": 10.0}
-    reversing, _ = raw_path(
-        SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP", **values), situation(costs, start, goal)
-    )
-    assert not headed(reversing).all()
+    either = SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP", **values)
+    assert not headed(raw_path(either, situation(costs, start, goal))[0]).all()
     open_costs = costs_of(rooms(rows=200, columns=200, door=slice(0, 200)))
     start, goal = (6.0, 5.0, 0.0), (3.0, 5.0, 0.0)
     forward, _ = raw_path(SmacPlannerHybrid(**values), situation(open_costs, start, goal))
     assert headed(forward).all()
-
-
-def test_path_begins_at_the_start_and_ends_at_the_goal_with_their_headings():
-    start, goal = (1.0, 0.8, 0.3), (5.0, 3.2, 1.5)
-    poses, _ = raw_path(SmacPlannerHybrid(), situation(costs_of(rooms()), start, goal))
-    assert poses[[0, -1], :2] == pytest.approx(np.array([start[:2], goal[:2]]))
-    assert poses[[0, -1], 2] == pytest.approx([0.3, 1.5], abs=0.5 * 2.0 * math.pi / 72)
+    assert forward[[0, -1]] == pytest.approx(np.array([start, goal]))
 
 
 @each_row("model", ["DUBIN", "REEDS_SHEPP"])
@@ -356,15 +341,12 @@ def test_path_on_the_lattice_costs_within_two_percent_of_an_exhaustive_search(mo
     ratios = []
     for start, goal in (((0.8, 0.8, 0.0), (3.2, 2.2)), ((0.8, 2.2, 0.0), (3.2, 0.8)), ((0.6, 1.5, 1.2), (3.4, 1.5))):
         turn = round(start[2] * 16 / (2.0 * math.pi)) % 16
-        least = lattice_dijkstra(
-            q, costs, (start[0] / 0.05, start[1] / 0.05, turn), (int(goal[0] / 0.05), int(goal[1] / 0.05))
-        )
+        goal_cell = int(goal[0] / 0.05), int(goal[1] / 0.05)
+        least = lattice_dijkstra(q, costs, (start[0] / 0.05, start[1] / 0.05, turn), goal_cell)
         best = math.inf
         for heading in np.arange(16) * 2.0 * math.pi / 16:
-            given = situation(costs, start, (*goal, heading))
-            poses, _, code = searched(q, distances, given)
-            exact = code == 0 and tuple((poses[-1, :2]).astype(int)) == (int(goal[0] / 0.05), int(goal[1] / 0.05))
-            if exact:
+            poses, _, code = searched(q, distances, situation(costs, start, (*goal, heading)))
+            if code == 0 and tuple(poses[-1, :2].astype(int)) == goal_cell:
                 best = min(best, lattice_price(q, poses, costs))
         ratios.append(best / least)
     assert max(ratios) <= 1.02
@@ -394,44 +376,9 @@ def test_long_robot_passes_door_only_lengthwise():
     assert path_of(q, situation(narrow, start, goal, costmap), costmap) == 208
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "planner",
-    [SmacPlanner2D(), SmacPlannerHybrid(), SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP")],
-    ids=["2D", "DUBIN", "REEDS_SHEPP"],
-)
-def test_robot_drives_ten_meters_round_wall_on_smac_path(planner, over_a_floor):
-    cells = np.zeros((80, 280), dtype=bool)
-    cells[20:60, 120:124] = True
-    stack = parameters_of({"controller": "rpp"})
-    found = over_a_floor(stack.with_values(planner=planner), cells=cells)
-    other = over_a_floor(stack, cells=cells)
-    assert found.run.outcome == "succeeded"
-    assert 10.0 < found.run.distance_m < 12.5
-    assert not np.array_equal(found.columns["y_mm"][:100], other.columns["y_mm"][:100])
-
-
-def test_hybrid_path_to_a_goal_behind_turns_with_the_least_radius(over_a_floor):
-    stack = parameters_of({"controller": "rpp"})
-    stack = stack.with_values(
-        controller=stack.controller.with_values(
-            use_rotate_to_heading=False, use_cost_regulated_linear_velocity_scaling=False
-        ),
-        planner=SmacPlannerHybrid(minimum_turning_radius=0.6, analytic_expansion_max_length=8.0),
-    )
-    found = over_a_floor(stack, 8.0, yaw_rad=math.pi / 2)
-    assert found.run.outcome == "succeeded"
-    assert found.columns["y_mm"].max() > 2400
-
-
-def driven_backward_m(found):
-    """Rows are 0.1 s apart."""
-    return float(np.maximum(-found.columns["speed_mmps"], 0).sum() * 1e-4)
-
-
 def test_enforced_path_inversion_reverses_only_to_cusp(over_a_floor):
     """The path of a steering robot reverses in an arc of a quarter turn and then leads forward."""
-    found = {}
+    backward_m = {}
     for enforced in (True, False):
         stack = parameters_of(
             {
@@ -443,27 +390,14 @@ def test_enforced_path_inversion_reverses_only_to_cusp(over_a_floor):
         planner = SmacPlannerHybrid(
             minimum_turning_radius=0.7, motion_model_for_search="REEDS_SHEPP", reverse_penalty=1.2
         )
-        found[enforced] = over_a_floor(stack.with_values(planner=planner), yaw_rad=math.pi)
-        assert found[enforced].run.outcome == "succeeded"
-    assert 0.5 < driven_backward_m(found[True]) < 4.0
-    assert driven_backward_m(found[False]) > 8.0
+        found = over_a_floor(stack.with_values(planner=planner), yaw_rad=math.pi)
+        assert found.run.outcome == "succeeded"
+        backward_m[enforced] = np.maximum(-found.columns["speed_mmps"], 0).sum() * 1e-4  # rows are 0.1 s apart
+    assert 0.5 < backward_m[True] < 4.0 and backward_m[False] > 8.0
 
 
 LENGTHS = st.floats(-8.0, 8.0)
 ANGLES = st.floats(-math.pi, math.pi)
-
-
-def apart(one, other):
-    return abs(math.remainder(one - other, 2.0 * math.pi))
-
-
-@settings(max_examples=400, deadline=None)
-@given(LENGTHS, LENGTHS, ANGLES, st.booleans())
-def test_curve_ends_at_the_pose_it_is_for(x, y, heading, reverses):
-    curve = shortest(x, y, heading, reverses)
-    end_x, end_y, end_heading, _ = pose_on(curve, curve[0])
-    assert math.hypot(end_x - x, end_y - y) < 1e-6
-    assert apart(end_heading, heading) < 1e-6
 
 
 @settings(max_examples=200, deadline=None)
@@ -473,12 +407,13 @@ def test_curve_is_no_shorter_than_a_line_and_no_longer_by_reversing(x, y, headin
     assert math.hypot(x, y) - 1e-9 <= either <= forward + 1e-9
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(LENGTHS, LENGTHS, ANGLES, st.booleans())
-def test_nowhere_on_a_curve_is_a_turn_tighter_than_the_radius(x, y, heading, reverses):
-    curve = shortest(x, y, heading, reverses)
-    step = 0.01
-    poses = np.array([pose_on(curve, along)[:3] for along in np.arange(0.0, curve[0] + step, step)])
+def test_curve_ends_at_its_pose_and_is_nowhere_tighter_than_the_radius(x, y, heading, reverses):
+    curve, step = shortest(x, y, heading, reverses), 0.01
+    poses = np.array([pose_on(curve, along)[:3] for along in [*np.arange(0.0, curve[0], step), curve[0]]])
+    assert poses[-1, :2] == pytest.approx([x, y], abs=1e-6)
+    assert math.remainder(poses[-1, 2] - heading, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-6)
     turned = np.abs(np.remainder(np.diff(poses[:, 2]) + math.pi, 2.0 * math.pi) - math.pi)
     assert (turned <= step + 1e-9).all()
     assert (np.hypot(*np.diff(poses[:, :2], axis=0).T) <= step + 1e-9).all()
