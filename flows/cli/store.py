@@ -1,7 +1,6 @@
 """The commands about the store: `store info`, `store verify` and `store gc`."""
 
 import json
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -117,11 +116,6 @@ def gc(
 
         opened.refresh()
         referred = references(opened, directories) if directories else None
-        if referred is not None and not referred.evaluations:
-            print(
-                "all artifacts of producers are kept: a kept campaign is a search or can't be read any more",
-                file=sys.stderr,
-            )
         chosen = cleaning(opened, referred, (older_than or 1) * DAY_S)
         if not dry_run:
             clean(opened, chosen)

@@ -4,56 +4,36 @@ import contextlib
 import re
 import shutil
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from vastflow.flows.request.campaign_file import read_campaign, recorded_keys
-from vastflow.flows.request.run_request import asked_of
-from vastflow.flows.results.inputs import replica
+from vastflow.flows.request.campaign_file import recorded_keys
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.unusable import reading
 from vastflow.producers.floorplan.environment import FOLDER
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.engine.bundle import STAGE as BUNDLE
 from vastflow.tasks.engine.evaluation import FRAGMENTS
-from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiator
 from vastflow.tasks.keys.keys import Keys
-from vastflow.tasks.keys.source import SourceTree, installed_tree
-from vastflow.tasks.store.store import WRITING_S, Holding, Lost, Store, StoreError
+from vastflow.tasks.store.store import WRITING_S, Holding, Lost, Store
 
 
-@dataclass(frozen=True, slots=True)
-class References:
-    """Keys of the artifacts behind campaign directories; those of evaluations may be unknown."""
-
-    keys: frozenset[str]
-    evaluations: bool
-
-
-def references(store: Store, directories: Iterable[Path]) -> References:
-    """Return the stored artifacts that `directories` were made of.
-
-    Evaluations are told by instantiating again: of one whose code or files are others now there is nothing to keep.
+def references(store: Store, directories: Iterable[Path]) -> frozenset[str]:
+    """Return the keys of the stored recordings, traces, and verdicts that `directories` were made of.
 
     Raises:
         UnusableDirectory: one of the directories does not say.
     """
     keys: set[str] = set()
-    known = True
-    tree = installed_tree()
     for directory in directories:
         with reading(directory):
-            metadata = read_json(directory / "metadata.json")
-            recorded = recorded_keys(metadata)
+            recorded = recorded_keys(read_json(directory / "metadata.json"))
             rows = table_rows(directory / "configurations.parquet", "checked_digest")
         for scenario in {str(row["checked_digest"]) for row in rows}:
             keys.update(_of_scenario(store, recorded, scenario))
-        evaluations = _evaluations(store, recorded, tree, directory, metadata)
-        known = known and evaluations is not None
-        keys.update(evaluations or ())
-    return References(frozenset(keys), known)
+    return frozenset(keys)
 
 
 def _of_scenario(store: Store, keys: Keys, scenario: str) -> Iterable[str]:
@@ -66,38 +46,12 @@ def _of_scenario(store: Store, keys: Keys, scenario: str) -> Iterable[str]:
                 yield keys.verdicts(scenario, recordings.content, trace.content)
 
 
-def _evaluations(
-    store: Store, keys: Keys, tree: SourceTree, directory: Path, metadata: Mapping[str, Any]
-) -> set[str] | None:
-    """Return keys of the evaluations of a campaign's producers; None if the campaign can't be read here."""
-    keys_asked: set[str] = set()
-
-    def stored(requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
-        keys_asked.update(each.key for request in requests for each in request.evaluations)
-        if any(store.find(each.key) is None for request in requests for each in request.evaluations):
-            raise Lost
-        return {}
-
-    try:
-        asked = asked_of(metadata)
-        with replica(directory, asked) as laid_out:
-            campaign = read_campaign(laid_out.file, laid_out.map_dir, as_v1=asked.as_v1)[0]
-            if campaign.search is not None:
-                return None  # which points it proposed only its verdicts tell
-            Instantiator(campaign, store, keys, tree).instantiated(stored)
-    except StoreError:
-        raise
-    except Lost:
-        pass  # what follows from it is not in the store either
-    except Exception:  # noqa: BLE001 - inputs that are others now, or a plug-in that raises anything
-        return None
-    return keys_asked
-
-
 DAY_S: Final = 24 * 3600.0
 _LONGEST_S: Final = 30 * DAY_S
 """Longest campaign on a cluster, whose new workers read bundles until its end."""
 
+_SMALL: Final = ("evaluate", "search", "report")
+"""Stages whose artifacts only age removes: which of them a campaign used is not worth another instantiation."""
 _ENVIRONMENT: Final = re.compile(rb"[0-9a-f]{64}")
 
 
@@ -111,7 +65,9 @@ class Cleaning:
     environments_bytes: int
 
 
-def cleaning(store: Store, referred: References | None, older_than_s: float, now_s: float | None = None) -> Cleaning:
+def cleaning(
+    store: Store, referred: frozenset[str] | None, older_than_s: float, now_s: float | None = None
+) -> Cleaning:
     """Choose the unreferenced artifacts and environments that are old enough to delete.
 
     Args:
@@ -124,14 +80,8 @@ def cleaning(store: Store, referred: References | None, older_than_s: float, now
     kept: list[Holding] = []
     for holding in store.holdings():
         needed = holding.stage == BUNDLE and holding.written_s > before_s - _LONGEST_S
-        stays = needed or (
-            referred is not None
-            and (
-                (holding.stage in ("evaluate", "search") and not referred.evaluations)
-                or (holding.whole and holding.key in referred.keys)
-            )
-        )
-        (removed if holding.written_s < before_s and not stays else kept).append(holding)
+        stays = referred is not None and (holding.stage in _SMALL or (holding.whole and holding.key in referred))
+        (removed if holding.written_s < before_s and not (needed or stays) else kept).append(holding)
     environments = _unnamed_environments(store, kept, before_s)
     return Cleaning(removed, kept, environments, sum(map(folder_bytes, environments)))
 
