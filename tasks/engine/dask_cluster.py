@@ -91,6 +91,7 @@ class DaskCluster:
         self._connecting: threading.Thread | None = None
         self._landed: queue.SimpleQueue[tuple[_Job, Any]] = queue.SimpleQueue()
         self._seen_s: dict[Any, float] = {}
+        self._is_known = False
         # Of a scheduler that is away, Dask would print tracebacks; `_away` tells in one sentence.
         self._level = _DASK.level
         _DASK.setLevel(logging.CRITICAL)
@@ -234,7 +235,8 @@ class DaskCluster:
                     if not (job.is_suspect and job in self._suspects[1:]):
                         self._send(job)
             threading.Thread(target=self._take, args=(client,), name="vastflow results", daemon=True).start()
-            if "dashboard" in client.scheduler_info(n_workers=0)["services"]:
+            if not self._is_known and "dashboard" in client.scheduler_info(n_workers=0).get("services", ()):
+                self._is_known = True
                 self._notice(f"Dask's dashboard: {client.dashboard_link}")
             self._watch(client)
             return
@@ -327,6 +329,8 @@ class DaskCluster:
                 landed.append(self._landed.get(timeout=_WATCH_S))
                 while True:
                     landed.append(self._landed.get_nowait())
+            # What a lost connection canceled when it closed has been sent again.
+            landed = [(job, future) for job, future in landed if future is job.future]
             finished = {job: future for job, future in landed if future.status == "finished"}
             with suppress(Exception):  # a worker died with its results: each is asked for alone
                 for job, result in zip(finished, client.gather([*finished.values()]), strict=True):
@@ -374,6 +378,8 @@ class DaskCluster:
             if self._client is not client or self.closed:
                 return
             self._client = None
+            for job in self._open.values():
+                job.future = None
             threading.Thread(target=_quietly, args=(functools.partial(client.close, _END_S),), daemon=True).start()
             self._connect()
 

@@ -199,6 +199,19 @@ def test_scheduler_that_stays_away_ends_everything(opened, monkeypatch):
         execute(executor, len, "ab").result(60)
 
 
+def test_answers_of_lost_connection_are_not_taken(opened, monkeypatch):
+    executor, quietly = opened(), dask_cluster._quietly
+    unit = execute(executor, time.sleep, 4.0)
+    while (first := executor._client) is None:
+        time.sleep(0.05)
+    monkeypatch.setattr(dask_cluster, "_quietly", lambda call: (time.sleep(1.5), quietly(call)))
+    executor._lost(first)
+    while (second := executor._client) is None:
+        time.sleep(0.05)
+    assert unit.result(60) is None
+    assert executor._client is second is not first
+
+
 def test_cluster_without_worker_prints_command_and_waits(opened, monkeypatch, dask):
     monkeypatch.setattr(dask_cluster, "NO_WORKER_S", 0.1)
     with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty:
