@@ -16,7 +16,6 @@ from vastflow.sim.kernels.record import record_of
 from vastflow.sim.nav2.controllers import dwb
 from vastflow.sim.nav2.controllers.dwb_critics import grow, lay, new_path_grid
 from vastflow.sim.nav2.costmaps.window import Window, outline_cost
-from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 
 RECTANGLE = np.array([[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]])
@@ -83,15 +82,6 @@ def scores(parameters, costs=None, pose=HERE, twist=(0.1, 0.0), plan=None, later
     given = controller.given(plan, costs, pose, twist, AHEAD, 0.0, lateral)
     n, m = scored(record_of(parameters), controller.memory, given)
     return controller.memory.scores[:n, :m].copy(), controller.memory
-
-
-@each_row("current", [-0.4, 0.0, 0.13, 0.9])
-def test_samples_reach_both_ends_and_hold_zero(current):
-    _, memory = scores(HUMBLE, twist=(0.1, current))
-    assert memory.turns[[0, -1]] == pytest.approx([-1.0, 1.0])
-    assert 0.0 in memory.turns
-    assert np.all(np.diff(memory.turns) > 0.0)
-    assert memory.speeds[[0, 19]] == pytest.approx([0.0, 0.26])
 
 
 def test_samples_below_both_least_speeds_are_illegal():
@@ -199,17 +189,6 @@ def test_base_obstacle_forbids_inscribed_cost_under_the_robot():
     assert command(HUMBLE, costs) == (False, 0.0, 0.0, 0.0)
     blind = HUMBLE.with_values(BaseObstacle=HUMBLE.BaseObstacle.with_values(enabled=False))
     assert command(blind, costs, twist=(0.26, 0.0))[:2] == (True, pytest.approx(0.26))
-
-
-def test_robot_at_the_goal_slows_down_and_then_turns_to_its_heading():
-    goal = (CENTER[0] + 0.1, CENTER[1], 1.5)
-    plan = np.array([CENTER, goal[:2]])
-    valid, v, _, _ = command(HUMBLE, twist=(0.26, 0.0), plan=plan, goal=goal)
-    assert valid
-    assert v < 0.26
-    valid, v, w, _ = command(HUMBLE, twist=(0.1, 0.0), plan=plan, goal=goal)
-    assert (valid, v) == (True, 0.0)
-    assert w > 0.5
 
 
 def added_by(name, **values):
@@ -364,26 +343,3 @@ def test_oscillation_forbids_a_change_of_side_until_the_robot_moved():
     assert lateral[0] > 0.1
     assert lateral[1] < -0.1
     assert lateral[2] <= 0.0
-
-
-def test_omni_robot_moves_to_the_side_along_ten_meters(over_a_floor):
-    sideways = {"min_vel_y": -0.3, "max_vel_y": 0.3, "acc_lim_y": 2.5, "decel_lim_y": -2.5}
-    stack = {
-        "controller": "dwb",
-        "robot.drive": "omni",
-        "robot_model_type": "nav2_amcl::OmniMotionModel",
-        "min_y_velocity_threshold": 0.001,
-        "max_velocity": [0.5, 0.5, 2.0],
-        "min_velocity": [-0.5, -0.5, -2.0],
-        "max_accel": [2.5, 2.5, 3.2],
-        "max_decel": [-2.5, -2.5, -3.2],
-    }
-    fastest = []
-    for values in (sideways, {}):
-        parameters = parameters_of({**stack, **{f"FollowPath.{name}": value for name, value in values.items()}})
-        found = over_a_floor(parameters, yaw_rad=1.2)
-        assert found.run.outcome == "succeeded"
-        assert found.run.distance_m == pytest.approx(10.0, abs=0.5)
-        fastest.append(np.abs(found.columns["command_lateral_speed_mmps"]).max())
-    assert fastest[0] > 100
-    assert fastest[1] == 0
