@@ -108,7 +108,7 @@ def test_marks_are_made_after_all_clearing():
     assert (seen([1.0, 2.0])[ROW, COLUMN + 20 : COLUMN + 41 : 20] == MARKED).all()
 
 
-def test_end_beyond_the_grid_clears_up_to_the_border_and_sensor_outside_it_nothing():
+def test_end_beyond_the_grid_clears_up_to_the_border_and_sensor_beyond_nothing():
     layer = seen([2.4], yaw=math.pi / 2)
     assert (layer[ROW:, COLUMN] == SEEN_FREE).all()
     assert not (layer == MARKED).any()
