@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
-from table import each_row
 
 from vastflow.sim.nav2.amcl.sensor import FRAME, UNREACHED, WIDTH, likelihood_cubed, squared_distances, usable_range_m
 from vastflow.sim.nav2.parameters.amcl import AmclParameters
@@ -27,10 +26,6 @@ def nearest(occupied):
 def table(occupied, **values):
     given = {"range_max_m": 20.0, "z_hit": 0.5, "z_rand": 0.5, "sigma_hit_m": 0.2, "likelihood_max_dist_m": 2.0}
     return likelihood_cubed(np.asarray(occupied), 0.05, **given | values)
-
-
-def pz(distance_m, range_max_m=20.0):
-    return 0.5 * math.exp(-(distance_m**2) / (2 * 0.2**2)) + 0.5 / range_max_m
 
 
 def test_round_one_wall_distances_are_euclidean():
@@ -75,12 +70,13 @@ def test_distance_is_never_less_than_that_to_the_nearest_wall(occupied):
     assert (found[every.min(axis=2) <= 1] == every.min(axis=2)[every.min(axis=2) <= 1]).all()
 
 
-@each_row("cells", [0, 1, 4, 39])
-def test_cell_likelihood_follows_distance(cells):
+def test_cell_likelihood_follows_distance():
     occupied = np.zeros((3, 60), dtype=np.bool_)
     occupied[1, 5] = True
-    found = table(occupied, dtype=np.float64)
-    assert found[FRAME + 1, FRAME + 5 + cells] == pytest.approx(pz(0.05 * cells) ** 3, rel=1e-12)
+    found = table(occupied, dtype=np.float64)[FRAME + 1, FRAME + 5 :]
+    for cells in (0, 1, 4, 39):
+        expected = 0.5 * math.exp(-((0.05 * cells) ** 2) / (2 * 0.2**2)) + 0.5 / 20.0
+        assert found[cells] == pytest.approx(expected**3, rel=1e-12)
 
 
 @given(st.integers(1, 400), st.integers(1, 400))
@@ -93,10 +89,8 @@ def test_table_has_a_whole_frame_and_an_odd_multiple_of_its_width(rows, columns)
     assert shape[1] % WIDTH == 0
 
 
-@each_row(
-    ("low", "high", "expected"),
-    [(-1.0, 100.0, (0.164, 20.0)), (0.5, 12.0, (0.5, 12.0)), (0.1, -1.0, (0.164, 20.0)), (0.0, 0.0, (0.164, 20.0))],
-)
-def test_usable_range_is_the_narrower_of_scanner_s_and_parameters(low, high, expected):
-    q = AmclParameters(laser_min_range=low, laser_max_range=high)
-    assert usable_range_m(q, 0.164, 20.0) == expected
+def test_usable_range_is_the_narrower_of_scanner_s_and_parameters():
+    wide, narrow = (0.164, 20.0), (0.5, 12.0)
+    for asked, expected in (((-1.0, 100.0), wide), (narrow, narrow), ((0.1, -1.0), wide), ((0.0, 0.0), wide)):
+        q = AmclParameters(laser_min_range=asked[0], laser_max_range=asked[1])
+        assert usable_range_m(q, *wide) == expected

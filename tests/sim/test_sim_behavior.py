@@ -19,24 +19,13 @@ def times(recording, kind):
     return [event.t_s for event in recording.run.events if event.kind == kind]
 
 
-def crate(x, y, length, width, name="crate"):
-    return {
-        "entity_name": name,
-        "model": "box",
-        "xacro_arguments": f"length:={length}, width:={width}",
-        "spawn_pose": {"x": x, "y": y},
-    }
+def crate(x, y, length, width):
+    size = f"length:={length}, width:={width}"
+    return {"entity_name": f"{x}, {y}", "model": "box", "xacro_arguments": size, "spawn_pose": {"x": x, "y": y}}
 
 
-def cage(x, y, half):
-    """Four crates round a point, their faces `half` away from it."""
-    off = half + 0.1
-    return [
-        crate(x + off, y, 0.2, 2 * off + 0.2, "east"),
-        crate(x - off, y, 0.2, 2 * off + 0.2, "west"),
-        crate(x, y + off, 2 * half, 0.2, "north"),
-        crate(x, y - off, 2 * half, 0.2, "south"),
-    ]
+CAGE = [*(crate(x, 1.0, 0.2, 0.92) for x in (0.64, 1.36)), *(crate(1.0, y, 0.52, 0.2) for y in (0.64, 1.36))]
+"""Four crates round (1, 1), their faces 0.26 m away from it."""
 
 
 @pytest.fixture(scope="module")
@@ -45,32 +34,14 @@ def hopeless(scenario, walled_off):
     return run(scenario(map_file=walled_off), 0)
 
 
-@pytest.fixture(scope="module")
-def caged(scenario):
-    """A mission of a robot that boxes hem in so closely that whatever it does collides."""
-    return run(scenario(obstacles=cage(1.0, 1.0, 0.26), controller="rpp"), 0)
-
-
-@pytest.fixture(scope="module")
-def stuck(scenario):
-    """A mission of a robot whose smoother lets it turn, but not drive forward."""
-    only_turns = {"velocity_smoother.ros__parameters.max_velocity": [0.0, 0.0, 2.0]}
-    return run(scenario(controller="rpp", timeout_s=300.0, **only_turns), 0)
-
-
 def test_attempts_to_plan_have_one_clearing_and_six_recoveries_in_order(hopeless):
     one_attempt = [("plan_failed", "208"), ("recovery", "clear global costmap"), ("plan_failed", "208")]
     expected = list(one_attempt)
     for recovery in ROUND:
         expected += [("recovery", recovery), *one_attempt]
     assert events(hopeless, "plan_failed", "recovery") == expected
-
-
-def test_goal_without_a_path_is_given_up_with_the_planner_s_code(hopeless):
     assert (hopeless.run.outcome, hopeless.run.error_code) == ("aborted", 208)
-
-
-def test_clearings_count_as_recoveries_and_clearing_both_costmaps_as_two(hopeless):
+    # Clearing both costmaps counts as two.
     assert hopeless.run.recoveries == 7 + len(ROUND) + ROUND.count("clear both costmaps")
 
 
@@ -90,35 +61,24 @@ def test_spin_turns_a_quarter_and_the_backup_drives_thirty_centimeters(hopeless)
     assert si(hopeless.columns["command_speed_mmps"])[back].min() == -0.15
 
 
-def test_robot_without_free_move_fails_after_patience(caged):
+def test_robot_without_free_move_fails_after_patience_and_clears_local_costmap_first(scenario):
+    caged = run(scenario(obstacles=CAGE, controller="rpp"), 0)
     assert (caged.run.outcome, caged.run.error_code) == ("aborted", 104)
     assert 10.0 < caged.run.simulated_s < 60.0
-
-
-def test_patience_lasts_three_tenths_of_a_second(caged):
-    first = times(caged, "control_failed")[0]
-    started = 0.1  # the first scan localizes the robot, the next tick plans
-    assert first - started == pytest.approx(0.35, abs=0.15)
-
-
-def test_failure_of_the_controller_is_first_answered_by_clearing_the_local_costmap(caged):
+    # The first scan localizes the robot, the next tick plans; patience lasts 0.3 s.
+    assert times(caged, "control_failed")[0] - 0.1 == pytest.approx(0.35, abs=0.15)
+    failed, cleared = ("control_failed", "104"), ("recovery", "clear local costmap")
     found = events(caged, "control_failed", "recovery")
-    assert found[:4] == [
-        ("control_failed", "104"),
-        ("recovery", "clear local costmap"),
-        ("control_failed", "104"),
-        ("recovery", "clear both costmaps"),
-    ]
+    assert found[:4] == [failed, cleared, failed, ("recovery", "clear both costmaps")]
 
 
-def test_immobile_robot_gives_up_after_recoveries(stuck):
+def test_robot_that_only_turns_makes_no_progress_and_gives_up_after_recoveries(scenario):
     """Ten seconds of allowance twice an attempt, seven attempts, and the recoveries between them."""
+    only_turns = {"velocity_smoother.ros__parameters.max_velocity": [0.0, 0.0, 2.0]}
+    stuck = run(scenario(controller="rpp", timeout_s=300.0, **only_turns), 0)
+    assert times(stuck, "control_failed")[0] == pytest.approx(10.1, abs=0.3)
     assert (stuck.run.outcome, stuck.run.error_code) == ("aborted", 105)
     assert 140.0 < stuck.run.simulated_s < 190.0
-
-
-def test_turning_on_the_spot_is_no_progress(stuck):
-    assert times(stuck, "control_failed")[0] == pytest.approx(10.1, abs=0.3)
 
 
 @pytest.mark.parametrize(

@@ -29,12 +29,6 @@ def stacked(runs):
     return [(run, *row) for run in sorted(runs) for row in runs[run]]
 
 
-@given(st.dictionaries(st.integers(0, 30), TABLES, min_size=1, max_size=4))
-def test_written_behaviors_come_back_by_run_index(runs):
-    block = write_behaviors({run: table(runs[run]) for run in sorted(runs)})
-    assert rows_of(read_behaviors(block)) == stacked(runs)
-
-
 @given(st.lists(TABLES, min_size=1, max_size=6), st.data())
 def test_runs_are_complete_and_ordered_for_any_blocks(tables, data):
     runs = dict(enumerate(tables))
@@ -45,10 +39,6 @@ def test_runs_are_complete_and_ordered_for_any_blocks(tables, data):
     there = set().union(*cuts)
     expected = stacked({run: rows for run, rows in runs.items() if run in there and run < wanted})
     assert ([] if found is None else rows_of(found)) == expected
-
-
-def test_missing_block_has_no_behaviors():
-    assert behaviors_below([], 3) is None
 
 
 def test_equal_behaviors_have_equal_bytes():

@@ -11,17 +11,10 @@ from table import each_row
 from vastflow.sim.world.octile import passable, shortest_path
 
 
-@each_row(
-    ("floor", "shape", "digest"),
-    [
-        (LARGE, (1400, 2000), "4b81e330fcdd2310eae21c696bc16a8ff887bb27fe050f20540a942f46686ec1"),
-        (SMALL, (400, 400), "bb0fe3f30afcb6791c224b22cdc6ca6e9e690a779577cf57375f49c9d01323da"),
-    ],
-)
-def test_map_is_pinned(floor, shape, digest):
-    occupancy = benchmark_map(floor)
-    assert occupancy.shape == shape
-    assert occupancy.digest == digest
+def test_maps_are_pinned():
+    large, small = benchmark_map(LARGE), benchmark_map(SMALL)
+    assert large.digest == "4b81e330fcdd2310eae21c696bc16a8ff887bb27fe050f20540a942f46686ec1"
+    assert small.digest == "bb0fe3f30afcb6791c224b22cdc6ca6e9e690a779577cf57375f49c9d01323da"
 
 
 @pytest.mark.slow
@@ -49,34 +42,12 @@ def measured():
 
 
 @pytest.mark.slow
-def test_result_names_its_controller_parameters_and_rates(measured):
-    assert measured["controller"] == "rpp"
-    assert measured["parameters"]["controller"]["desired_linear_vel"] == 0.5
-    assert measured["lidar"] == {"beams": 360, "rate_hz": 10.0, "range_max_m": 20.0}
-    assert measured["rates_hz"]["controller"] == 20.0
-    assert 500 <= measured["amcl_particles_mean"] <= 2000
-    assert 0.5 < measured["amcl_updates_per_s"] < 10.0
-    assert 1.0 <= measured["floods_per_s"] < 1.5
-
-
-@pytest.mark.slow
 @each_row("floor", ["large", "small"])
 def test_routes_are_driven_to_their_ends(measured, floor):
     found = measured if floor == "large" else measured["small"]
     assert (found["runs"], found["reached"], found["contacts"]) == (ROUTES, ROUTES, 0)
     assert found["driven_m"] == pytest.approx(ROUTES * found["map"]["route_m"], rel=0.15)
     assert found["x_real_time"] == pytest.approx(found["simulated_s"] / found["cpu_s"], rel=0.02)
-
-
-@pytest.mark.slow
-def test_stages_of_a_profile_add_up_to_about_what_the_run_takes(measured):
-    stages = measured["profile"]
-    total = sum(stage["ms_per_simulated_s"] for stage in stages.values())
-    # They are driven once more for it, perhaps while others use the machine.
-    assert measured["ms_per_simulated_s"] / 4 < total < 4 * measured["ms_per_simulated_s"]
-    assert stages["controller"]["per_simulated_s"] == pytest.approx(20.0, rel=0.05)
-    assert stages["lidar"]["per_simulated_s"] == pytest.approx(10.0, rel=0.05)
-    assert stages["planner"]["per_simulated_s"] == pytest.approx(1.0, rel=0.2)
 
 
 @pytest.mark.slow

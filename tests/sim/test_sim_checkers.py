@@ -12,13 +12,9 @@ def stack(**parts):
 
 
 def test_stopped_goal_checker_is_content_only_with_a_robot_at_rest(over_a_floor):
-    fast = stack(goal_checker=GoalChecker(xy_goal_tolerance=0.6, yaw_goal_tolerance=6.0))
-    slow = stack(
-        goal_checker=GoalChecker(
-            xy_goal_tolerance=0.6, yaw_goal_tolerance=6.0, trans_stopped_velocity=0.1, rot_stopped_velocity=0.1
-        )
-    )
-    moving, resting = over_a_floor(fast), over_a_floor(slow)
+    wide = GoalChecker(xy_goal_tolerance=0.6, yaw_goal_tolerance=6.0)
+    stopped = wide.with_values(trans_stopped_velocity=0.1, rot_stopped_velocity=0.1)
+    moving, resting = (over_a_floor(stack(goal_checker=checker)) for checker in (wide, stopped))
     assert moving.run.outcome == resting.run.outcome == "succeeded"
     assert moving.columns["speed_mmps"][-2] > 200
     assert abs(resting.columns["speed_mmps"][-1]) <= 100
@@ -28,10 +24,8 @@ def test_stopped_goal_checker_is_content_only_with_a_robot_at_rest(over_a_floor)
 def test_robot_that_turns_in_place_makes_progress_only_for_a_pose_progress_checker(over_a_floor):
     # Half a turn at 0.15 rad/s takes 20 s: longer than the checker's 10 s.
     controller = parameters_of({"controller": "rpp"}).controller.with_values(rotate_to_heading_angular_vel=0.15)
-    simple = over_a_floor(stack(controller=controller), yaw_rad=3.0)
-    posed = over_a_floor(
-        stack(controller=controller, progress_checker=ProgressChecker(required_movement_angle=0.5)), yaw_rad=3.0
-    )
+    checkers = ProgressChecker(), ProgressChecker(required_movement_angle=0.5)
+    simple, posed = (over_a_floor(stack(controller=controller, progress_checker=c), yaw_rad=3.0) for c in checkers)
     assert simple.run.recoveries > 0
     assert (posed.run.outcome, posed.run.recoveries) == ("succeeded", 0)
     assert posed.run.distance_m == pytest.approx(10.0, abs=0.5)

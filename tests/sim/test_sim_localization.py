@@ -20,12 +20,11 @@ ROUTE_M = 15.0
 
 
 @functools.cache
-def recordings(map_file, **perturbation):
+def recordings(map_file, noise_m=0.0, **perturbation):
     """Routes on a map, as they were driven."""
     occupancy = load_map(map_file)
-    noise = {name: perturbation[name] for name in GaussianDropoutParameters.model_fields if name in perturbation}
-    others = {name: value for name, value in perturbation.items() if name not in noise}
-    parameters = NavParameters(perturbation=Perturbation(**others), lidar_noise=GaussianDropoutParameters(**noise))
+    noise = GaussianDropoutParameters(laserscan_gaussian_noise_std_deviation=noise_m)
+    parameters = NavParameters(perturbation=Perturbation(**perturbation), lidar_noise=noise)
     prepared = prepare(occupancy, Lidar(), parameters)
     routes = benchmark_routes(occupancy, ROUTE_M)[:ROUTES]
     return [
@@ -43,12 +42,6 @@ def wrapped(angle_rad):
     return (angle_rad + np.pi) % (2 * np.pi) - np.pi
 
 
-def errors(map_file, **perturbation):
-    """Position (m) and yaw error (rad) over all routes."""
-    off = np.concatenate([poses(r) - poses(r, "estimated_") for r in recordings(map_file, **perturbation)])
-    return np.hypot(off[:, 0], off[:, 1]), np.abs(wrapped(off[:, 2]))
-
-
 @each_row("name", ["rooms", "hallways"])
 @each_row("noise_m", [0.0, 0.1])
 def test_localization_errs_as_filter_of_nav2(shared_map, name, noise_m):
@@ -56,7 +49,8 @@ def test_localization_errs_as_filter_of_nav2(shared_map, name, noise_m):
 
     Exact odometry and a likelihood of 0.2 m leave that much, so a smaller error would be as wrong as a larger one.
     """
-    away_m, turned_rad = errors(shared_map(name), laserscan_gaussian_noise_std_deviation=noise_m)
+    off = np.concatenate([poses(r) - poses(r, "estimated_") for r in recordings(shared_map(name), noise_m)])
+    away_m, turned_rad = np.hypot(off[:, 0], off[:, 1]), np.abs(wrapped(off[:, 2]))
     assert 0.03 < away_m.mean() < 0.25
     assert np.percentile(away_m, 95) < 0.55
     assert 0.003 < turned_rad.mean() < 0.04

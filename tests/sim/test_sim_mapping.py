@@ -89,13 +89,12 @@ def test_static_layer_puts_the_map_s_walls_into_the_window(after_a_tick):
 def test_global_costs_join_walls_and_obstacle_in_a_copy(after_a_tick, prepared, two_rooms):
     unused = NavParameters(global_costmap=global_costmap().with_values(static_layer=StaticLayer(enabled=False)))
     assert not prepare(load_map(two_rooms.path), Lidar(), unused).costs.any()
-    before = prepared.costs.copy(), prepared.free_costs.copy(), prepared.static.copy()
-    m_costs = after_a_tick(MARKED).grids.costs
-    for one, other in zip(before, (prepared.costs, prepared.free_costs, prepared.static), strict=True):
-        np.testing.assert_array_equal(one, other)
-    assert m_costs[48, 78] == 254  # the crate
+    before = [each.copy() for each in (prepared.costs, prepared.free_costs, prepared.static)]
+    costs = after_a_tick(MARKED).grids.costs
+    np.testing.assert_array_equal(before, (prepared.costs, prepared.free_costs, prepared.static))
+    assert costs[48, 78] == 254  # the crate
     assert prepared.costs[48, 78] < 253
-    assert m_costs[70, 83] == 254  # the wall beside the door
+    assert costs[70, 83] == 254  # the wall beside the door
 
 
 @njit
@@ -107,14 +106,15 @@ def updated(parameters, memory, grids, local):
 def test_scan_is_put_where_it_was_taken_although_the_robot_has_turned_since(after_a_tick):
     """A costmap updates between two scans: with the turn the marks would lie 10 cm off."""
     stack = after_a_tick()
-    once = (stack.local.layer == MARKED).copy(), (stack.grids.layer == MARKED).copy()
-    stack.local.layer[:], stack.grids.layer[:] = UNSEEN, UNSEEN
-    m = stack.m[0]
-    m["odom_yaw"] += 0.1
-    m["yaw"] += 0.1
+    layers = stack.local.layer, stack.grids.layer
+    once = [layer == MARKED for layer in layers]
+    for layer in layers:
+        layer[:] = UNSEEN
+    for yaw in ("odom_yaw", "yaw"):
+        stack.m[0][yaw] += 0.1
     updated(stack.p, stack.m, stack.grids, stack.local)
-    np.testing.assert_array_equal(stack.local.layer == MARKED, once[0])
-    np.testing.assert_array_equal(stack.grids.layer == MARKED, once[1])
+    for layer, marked in zip(layers, once, strict=True):
+        np.testing.assert_array_equal(layer == MARKED, marked)
 
 
 def test_cells_under_the_robot_are_not_marked(after_a_tick):

@@ -12,18 +12,11 @@ from table import each_row
 
 from vastflow.sim.nav2.costmaps.inflation import inflate
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
-from vastflow.sim.nav2.planners.navfn import (
-    new_potential,
-    new_scratch,
-    propagate,
-    travel_costs,
-)
+from vastflow.sim.nav2.planners.navfn import new_potential, new_scratch, propagate, travel_costs
 
 F = np.float32
 UNREACHED = F(1e10)
 INSCRIBED_M = inscribed_radius_m(padded_outline(0.22, 0.01))
-
-
 COSTMAPS = st.tuples(st.integers(5, 24), st.integers(5, 24)).flatmap(
     lambda shape: arrays(np.uint8, shape, elements=st.sampled_from([0] * 6 + [60, 128, 252, 253, 254, 255]))
 )
@@ -65,8 +58,9 @@ def test_flood_enters_only_cells_on_paths_within_bound(costmap, bound, data):
 
 
 def test_way_within_bounds_has_the_potential_of_the_whole_flood():
-    travel, to_goal = travel_costs(a_wall_with_a_gap()), potential(a_wall_with_a_gap(), (70, 12))
-    whole, out = potential(a_wall_with_a_gap(), (8, 8), (70, 12)), new_potential(travel.shape)
+    costmap = a_wall_with_a_gap()
+    travel, to_goal = travel_costs(costmap), potential(costmap, (70, 12))
+    whole, out = potential(costmap, (8, 8), (70, 12)), new_potential(travel.shape)
     least = float(to_goal[8, 8])
     assert not propagate(travel, 8, 8, 70, 12, False, to_goal, 0.9 * least, out, new_scratch(travel.shape))
     out = new_potential(travel.shape)
@@ -79,12 +73,12 @@ def test_astar_floods_less_and_finds_no_shorter_path():
     costmap = np.zeros((120, 120), dtype=np.uint8)
     costmap[30:90, 60] = 254
     inflated = inflate(costmap, 0.05, INSCRIBED_M, 0.70, 3.0)
-    floods = [potential(inflated, (20, 60), (100, 60), use_astar=use) for use in (False, True)]
-    reached = [(flood < UNREACHED).sum() for flood in floods]
+    reached, lengths = [], []
+    for use in (False, True):
+        reached.append((potential(inflated, (20, 60), (100, 60), use_astar=use) < UNREACHED).sum())
+        way = path(inflated, (20, 60), (100, 60), use_astar=use)
+        lengths.append(np.hypot(*np.diff(way, axis=0).T).sum())
     assert reached[1] < 0.9 * reached[0]
-    lengths = [
-        np.hypot(*np.diff(path(inflated, (20, 60), (100, 60), use_astar=use), axis=0).T).sum() for use in (False, True)
-    ]
     assert lengths[1] >= 0.99 * lengths[0]
 
 
@@ -108,8 +102,7 @@ def test_potential_is_that_of_nav2_and_of_its_early_stop():
 
 
 def test_travel_costs_match_navfn():
-    costmap = np.zeros((3, 12), dtype=np.uint8)
-    costmap[1, 1:11] = [0, 1, 60, 128, 201, 252, 253, 254, 255, 100]
+    costmap = np.pad(np.array([[0, 1, 60, 128, 201, 252, 253, 254, 255, 100]], dtype=np.uint8), 1)
     assert travel_costs(costmap, True)[1].tolist() == [254, 50, 50, 98, 152, 210, 251, 254, 254, 253, 130, 254]
     assert travel_costs(costmap, False)[1, 9] == 254
 
@@ -153,8 +146,7 @@ def test_path_leads_from_start_to_goal_in_small_steps(x0, y0, x1, y1):
 def test_unknown_ground_is_driven_where_it_is_allowed_and_only_there():
     costmap = np.zeros((30, 40), dtype=np.uint8)
     costmap[:, 18:22] = 255
-    assert len(path(costmap, (5, 15), (35, 15), allow_unknown=True)) > 0
-    assert len(path(costmap, (5, 15), (35, 15), allow_unknown=False)) == 0
+    assert [len(path(costmap, (5, 15), (35, 15), allow_unknown=allow)) > 0 for allow in (True, False)] == [True, False]
 
 
 def test_path_longer_than_cap_of_navfn_is_not_found():

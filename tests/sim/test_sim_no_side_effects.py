@@ -64,32 +64,33 @@ print(found.hex(), hashlib.sha256(assembly.encode()).hexdigest())
 """
 
 
-def compiled(tmp_path, *, kernel: bool, before: list[str]) -> str:
-    tmp_path.mkdir()
-    """Result and machine code of a kernel or of a user's own function, in a process that has done something before."""
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM],
-        input=json.dumps({"kernel": kernel, "before": [MEANWHILE[each] for each in before]}),
-        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path), "PYTHONHASHSEED": "0"},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+def run_python(program: str, given: str = "", folder: str | None = None) -> str:
+    """What a program prints in a process of its own."""
+    environment = {**os.environ, "PYTHONHASHSEED": "0", **({"XDG_CACHE_HOME": folder} if folder else {})}
+    options = {"input": given, "env": environment, "cwd": folder, "capture_output": True, "text": True}
+    done = subprocess.run([sys.executable, "-c", program], check=False, timeout=240, **options)
+    assert (done.returncode, done.stderr) == (0, "")
     return done.stdout
 
 
-def test_kernel_is_independent_of_user_numba_settings(tmp_path):
-    alone = compiled(tmp_path / "alone", kernel=True, before=[])
-    assert compiled(tmp_path / "after", kernel=True, before=["numba is set up", "a function is compiled"]) == alone
+@pytest.fixture
+def compiled(tmp_path_factory):
+    """Result and machine code of a kernel or of a user's own function, in a process that has done something before."""
+
+    def made(kernel: bool, *before: str) -> str:
+        task = {"kernel": kernel, "before": [MEANWHILE[each] for each in before]}
+        return run_python(PROGRAM, json.dumps(task), str(tmp_path_factory.mktemp("alone")))
+
+    return made
+
+
+def test_kernel_is_independent_of_user_numba_settings(compiled):
+    assert compiled(True, "numba is set up", "a function is compiled") == compiled(True)
 
 
 @pytest.mark.parametrize("before", [[], ["numba is set up"]])
-def test_user_numba_functions_are_unaffected_by_kernels(tmp_path, before):
-    alone = compiled(tmp_path / "alone", kernel=False, before=before)
-    assert compiled(tmp_path / "after", kernel=False, before=[*before, "kernels are compiled"]) == alone
+def test_user_numba_functions_are_unaffected_by_kernels(compiled, before):
+    assert compiled(False, *before, "kernels are compiled") == compiled(False, *before)
 
 
 WATCH = """
@@ -129,11 +130,4 @@ print(json.dumps([key for key in before if str(before[key]) != str(after[key])])
 )
 def test_importing_and_compiling_leaves_the_process_as_it_was(module, name, use, before):
     # What libraries do when they are imported is theirs: they are imported before.
-    done = subprocess.run(
-        [sys.executable, "-c", WATCH.format(module=module, name=name, use=use, before=before)],
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=False,
-    )
-    assert (done.stdout.strip(), done.stderr) == ("[]", "")
+    assert run_python(WATCH.format(module=module, name=name, use=use, before=before)) == "[]\n"

@@ -20,19 +20,21 @@ def refused(text, folder=Path()):
     """The faults of a text, as they are shown."""
     with pytest.raises(FileError, match=r":\d+:\d+: .") as raised:
         read_text(text, "f.osc", folder)
+    assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
     return [str(fault) for fault in raised.value.faults]
 
 
-@pytest.mark.parametrize(
-    ("section", "before", "after"),
-    [
-        ("body", f"{HEAD}scenario visit:\n    ", ""),
-        ("before", HEAD, "scenario visit:\n    do log('x')\n"),
-        ("file", "", ""),
-    ],
-    ids=["body", "before", "file"],
-)
-def test_faults_of_a_scenario_have_place_and_message(golden, section, before, after):
+AROUND = {
+    "body": (f"{HEAD}scenario visit:\n    ", ""),
+    "before": (HEAD, "scenario visit:\n    do log('x')\n"),
+    "file": ("", ""),
+}
+
+
+@pytest.mark.parametrize("section", AROUND)
+def test_faults_of_a_scenario_have_place_and_message(golden, section):
+    before, after = AROUND[section]
+
     def faults(text):
         lines = text.replace("\n", "\n    ") + "\n" if section == "body" else text
         return refused(f"{before}{lines}{after}")
@@ -85,16 +87,9 @@ def test_file_that_is_missing_or_no_text_is_refused(tmp_path):
             reading(file)
 
 
-def test_producer_error_is_pickled():
-    with pytest.raises(FileError, match="no scenario") as raised:
-        read_text("", "f.osc", Path())
-    assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
-
-
 def test_fault_after_long_word_is_found_in_linear_time(loops):
-    assert loops(lambda: refused(f"# {'stands' * 60_000}\nscenario a:\n  do x y:\n")) < 40 * loops(
-        lambda: refused(f"# {'stands' * 6_000}\nscenario a:\n  do x y:\n")
-    )
+    long, short = (f"# {'stands' * n}\nscenario a:\n  do x y:\n" for n in (60_000, 6_000))
+    assert loops(lambda: refused(long)) < 40 * loops(lambda: refused(short))
 
 
 def test_search_for_faults_of_a_large_file_is_bounded():

@@ -37,10 +37,6 @@ def logged(body, before="", **overrides):
     return lines
 
 
-def log(*values):
-    return "do serial:\n" + "".join(f"    log({value})\n" for value in values)
-
-
 def test_scenario_logs_values_of_its_names(golden):
     """Declarations stand above a line `scenario:`."""
 
@@ -52,14 +48,8 @@ def test_scenario_logs_values_of_its_names(golden):
 
 
 def test_derived_values_follow_given_values():
-    assert logged(f"p: string = q + '!'\nq: string = 'x'\n{log('p')}", q="y") == ["y!"]
-    assert logged(f"v: box\n{log('v.h')}", "struct box:\n    f: int = 3\n    h: int = f + 1\n", v={"f": 7}) == ["8"]
-
-
-def test_derived_scenario_may_override_default():
-    text = f"{HEAD}scenario base:\n    p: string = 'a'\n    v: speed = 1mps\n    do log(p)\n"
-    _, derived = read_text(f"{text}scenario derived inherits base:\n    p: string = 'b'\n", "f.osc", Path())
-    assert bound(derived, {}) == {"p": "b", "v": 1.0}
+    assert logged("p: string = q + '!'\nq: string = 'x'\ndo log(p)", q="y") == ["y!"]
+    assert logged("v: box\ndo log(v.h)", "struct box:\n    f: int = 3\n    h: int = f + 1\n", v={"f": 7}) == ["8"]
 
 
 def test_custom_action_inherits_behavior_and_overrides_defaults():
@@ -80,7 +70,8 @@ def test_scenario_that_no_other_inherits_from_is_run(tmp_path):
     file = tmp_path / "trial.osc"
     base = f"{HEAD}scenario base:\n    p: string = 'a'\n    do log(p)\n"
     file.write_text(f"{base}scenario derived inherits base:\n    p: string = 'b'\n")
-    assert definition_of(abstract_content(file)).name == "derived"
+    derived = definition_of(abstract_content(file))
+    assert (derived.name, bound(derived, {})) == ("derived", {"p": "b"})
     file.write_text(f"{base}scenario other:\n    do log('x')\n")
     with pytest.raises(ScenarioError, match="expected one scenario to run, got base, other"):
         abstract_content(file)
@@ -100,49 +91,24 @@ def value(text, functions=None, **names):
 @each_row(
     ("text", "result"),
     [
-        ("1 + 2 * 3", 7),
-        ("(1 + 2) * 3", 9),
-        ("7 - 2 - 1", 4),
-        ("7 / 2", 3.5),
-        ("7 % 4", 3),
-        ("-(2 + 1)", -3),
-        ("'a' + 'b'", "ab"),
-        ("2 * 3s", 6.0),
+        ("1 + 2 * 3 - 7 % 4 - 1", 3),
+        ("-(1 + 2) * 3 / 2", -4.5),
         ("1km / 500m", 2.0),
-        ("1 == 1.0", True),
-        ("'a' != 'b'", True),
-        ("1m < 1km", True),
-        ("2 <= 2", True),
-        ("3 > 4", False),
-        ("3 >= 4", False),
+        ("1 == 1.0 and 'a' + 'b' != 'b' and 1m < 1km and 2 <= 2", True),
+        ("3 > 4 or 3 >= 4", False),
         ("2 in [1, 2]", True),
-        ("3 in [1, 2]", False),
-        ("true and false", False),
-        ("true or false", True),
-        ("not true", False),
-        ("not false and false", False),
-        ("signal!sigterm == signal!sigterm", True),
+        ("not false and 3 in [1, 2]", False),
+        ("false and 1 / n == 1.0", False),
+        ("true or 1 / n == 1.0", True),
+        ("n + 1", 1),
+        ("p.position.x", 2.0),
         ("[1m, 2m]", [1.0, 2.0]),
         ("position_2d(y: 3m)", {"x": 0.0, "y": 3.0}),
         ("signal!sigint", EnumValue("signal", "sigint", 2)),
     ],
 )
-def test_expression_of_constants_has_a_value(text, result):
-    assert value(text) == result
-
-
-def test_names_are_resolved_at_evaluation():
-    assert value("n + 1", n=4) == 5
-    assert value("p.position.x", p={"position": {"x": 2.0}}) == 2.0
-
-
-def test_right_operand_is_evaluated_lazily():
-    assert value("false and 1 / n == 1.0", n=0) is False
-    assert value("true or 1 / n == 1.0", n=0) is True
-
-
-def test_functions_get_the_values_of_their_arguments():
-    assert value("random.get_int(1, 2 + 3)", {"random.get_int": lambda a, b: a + b}) == 6
+def test_expression_has_a_value(text, result):
+    assert value(text, n=0, p={"position": {"x": 2.0}}) == result
 
 
 @each_row(
@@ -160,11 +126,6 @@ def test_expression_without_value_reports_place_and_reason(text, words):
     def empty(a, b):
         raise ValueError("empty range")
 
-    with pytest.raises(ScenarioError, match=words):
+    with pytest.raises(ScenarioError, match=words) as raised:
         value(text, {"random.get_int": empty}, n=0)
-
-
-def test_evaluation_error_is_pickled():
-    with pytest.raises(ScenarioError, match="can't be done") as raised:
-        value("1 / 0")
     assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
