@@ -243,9 +243,14 @@ class Place:
 
     def begun(self) -> list[dict[str, Any]]:
         """Blocks that were begun and are not stored: they are in flight, or were when their process died."""
-        trace = self.trace()
-        ended = {(row["pid"], row["key"], row["start"]) for row in trace if row["what"] == "end"}
-        return [row for row in trace if row["what"] == "begin" and (row["pid"], row["key"], row["start"]) not in ended]
+        begun: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+        for row in self.trace():
+            blocks = begun.setdefault((row["pid"], row["key"], row["start"]), [])
+            if row["what"] == "begin":
+                blocks.append(row)
+            elif row["what"] == "end":
+                blocks.pop()  # a worker that was interrupted may execute the same block again
+        return [row for blocks in begun.values() for row in blocks]
 
     def marked(self) -> list[psutil.Process]:
         """Processes of this place that live."""
