@@ -48,25 +48,6 @@ def test_classify_takes_binomial_tails_and_adjusts_candidates_by_benjamini_and_h
     assert classes.classify([20, 0, 0, 2], [20, 0, 0, 2]).adjusted[0] == pytest.approx(given)
 
 
-SPREADS = ((0.2001, 0.5, 0.7999), (1, 1, 1)), ((0.0, 0.2001, 0.7999, 1.0), (1, 9, 9, 1)), ((0.0, 0.21, 1.0), (1, 2, 3))
-
-
-@each_row(("rates", "weights"), SPREADS)
-@each_row("runs", [20, 60])
-def test_classify_makes_few_wrong_claims_of_each_class(rates, weights, runs):
-    rng = np.random.default_rng(2)
-    campaigns, m = 200, 60
-    drawn = rng.choice(len(rates), (campaigns, m), p=np.array(weights) / sum(weights))
-    true = np.array([classes.CLAIMS[k] for k in classes.ClassBounds().of(np.array(rates))])
-    wrong = dict.fromkeys(classes.CLAIMS, 0.0)
-    for kinds in drawn:
-        names = np.array(classes.classify(rng.binomial(runs, np.array(rates)[kinds]), np.full(m, runs)).names)
-        for claim in classes.CLAIMS:
-            called = names == claim
-            wrong[claim] += float((called & (true[kinds] != claim)).sum() / max(called.sum(), 1))
-    assert max(wrong.values()) / campaigns <= 0.05 + 4 * (0.05 * 0.95 / campaigns) ** 0.5
-
-
 def test_runs_and_passes_that_show_classes_agree_with_tails():
     # 0.8^13 = 0.055, 0.8^14 = 0.044; 0.9^28 = 0.052, 0.9^29 = 0.047.
     assert classes.runs_for_a_claim() == {"systematic": 14, "flaky": 10, "reliable": 14}

@@ -208,17 +208,6 @@ def test_interaction_has_cells_that_do_not_add_up():
     assert (apart.claim.p_value, apart.cells) == (None, ())
 
 
-def test_interaction_is_not_shown_by_situations_that_respond_differently():
-    rng, false = np.random.default_rng(8), 0
-    rows = [{"length": 5 * (1 + s % 2), "a": a, "b": b} for s, a, b in product(range(12), range(2), range(4))]
-    for _ in range(60):
-        slope = np.repeat(rng.uniform(-0.4, 0.4, 12), 8)
-        failed = rng.binomial(10, 0.5 + slope * np.array([row["a"] for row in rows]))
-        found = analyzed(rows, failed, 10, np.repeat(np.arange(12), 8))
-        false += any(pair.claim.shown for pair in found.interactions)
-    assert false <= 8  # of 60 at 5 %, more in 1 % of cases
-
-
 # Trends
 
 
@@ -261,16 +250,6 @@ def test_trend_of_total_effect_stays_within_100_points(blocks):
     found = trend_of(Contrasts((values - 1) / 2, np.repeat(np.arange(blocks), 3), 999), values, one, runs, 0.05)
     low, high = found.change_interval
     assert -1 <= low < found.change <= high <= 1
-
-
-def test_trend_over_eight_paths_of_different_lengths_is_found():
-    # Eight blocks of three settings: bins have two blocks each, which show nothing on their own.
-    lengths = np.repeat(np.linspace(5, 26, 8), 3)
-    failed = np.random.default_rng(2).binomial(20, np.clip((lengths - 4) / 25, 0, 1))
-    rows = [{"length": float(v), "setting": k % 3} for k, v in enumerate(lengths)]
-    length = next(f for f in analyzed(rows, failed, blocks=np.repeat(np.arange(8), 3)).factors if f.name == "length")
-    assert length.others.shown
-    assert length.trend.change_interval[0] < 21 / 25 < length.trend.change_interval[1]
 
 
 def test_levels_and_trend_share_error():
