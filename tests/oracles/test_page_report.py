@@ -6,7 +6,6 @@ import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
-from xml.etree import ElementTree
 
 import matplotlib
 import pyarrow as pa
@@ -14,22 +13,18 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from matplotlib.figure import Figure
-from PIL import Image
 from table import each_row
 
 from vastflow.flows.results.summary import Results
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.findings import findings_of
 from vastflow.oracles.figures.charts import factor_figure, interaction_figure
-from vastflow.oracles.page import report
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.failures import cases, failure_kinds, kind_of
 from vastflow.oracles.page.headline import headline_html
-from vastflow.oracles.page.pictures import picture
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.search_section import CELLS_DRAWN, search_section
-from vastflow.oracles.page.section import Column, Section, Table, rate_cell, rate_html
+from vastflow.oracles.page.section import rate_cell, rate_html
 from vastflow.oracles.page.sections import rejection_rows
 from vastflow.oracles.page.words import number, percent, points, span
 from vastflow.oracles.results.tables import read_tables
@@ -150,22 +145,6 @@ def test_page_is_well_formed_and_self_contained(page, shown):
     assert {address[1:] for address in page.addresses if address.startswith("#")} <= page.ids
     assert len(page.images) == 10  # rates, factors, four of the map, two configurations that failed, two causes
     assert all(image["alt"] for image in page.images)
-
-
-def test_figures_are_written_as_png_and_svg(shown):
-    files = sorted((shown / "figures").iterdir())
-    names = {re.sub(r"-[0-9a-f]{8}$", "", file.stem) for file in files}
-    assert names == {
-        *("rates", "factors", "final-poses", "failure-rate", "failed", "passed", "case-noisy-1"),
-        *("cause-too-close", "cause-no-path", "case-noisy-2"),
-    }
-    for file in files:
-        if file.suffix == ".png":
-            with Image.open(file) as drawn:
-                assert drawn.width >= 600
-        else:
-            assert ElementTree.parse(file).getroot().tag == "{http://www.w3.org/2000/svg}svg"
-    assert [file.suffix for file in files] == [".png", ".svg"] * len(names)
 
 
 def test_report_marks_facts_of_call(directory: Path) -> None:
@@ -339,21 +318,6 @@ def test_coverage_is_shown_by_family_dimension_and_pair(page, directory):
         "Counted, not listed: 7 pairs.",
     ):
         assert words in text
-
-
-def test_report_shows_added_section_with_its_figure_and_table(directory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def battery(facts: Facts) -> Section:
-        drawn = picture("battery", "Charge", "Charge of each run", "At the end.", Figure())
-        table = Table([Column("Run"), Column("Charge (%)", "number")], [["noisy-1 <0>", 12]])
-        return Section("battery", "Battery", "How full the battery was", "1 run", [drawn, table])
-
-    monkeypatch.setattr(report, "SECTIONS", (*report.SECTIONS, battery))
-    write_report(directory)
-    page = Page(text_of(directory))
-    assert page.misnested == [] and "#battery" in page.addresses and "battery" in page.ids
-    shown = " ".join(page.text[page.text.rindex("How full the battery was") :].split())
-    assert shown.startswith("How full the battery was1 run Charge At the end. PNG · SVG RunCharge (%) noisy-1 <0> 12")
-    assert (directory / "figures" / "battery.svg").is_file()
 
 
 def lost(build, runs, failed, reason="no valid control"):

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from PIL import Image
 from table import each_row
 
@@ -171,23 +170,6 @@ def film(occupancy, tmp_path_factory):
     file = tmp_path_factory.mktemp("film") / "film.gif"
     still.write_film(file, a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40, 59)])
     return file
-
-
-@each_row("width_in", [11.3, 11.99, 11.996, 12.004, 12.01])
-def test_image_of_any_width_keeps_rows(width_in):
-    figure = Figure(figsize=(width_in, 1.0), dpi=100)
-    figure.add_artist(Rectangle((0.5, 0.0), 0.01, 1.0, color="black"))
-    rows = np.asarray(still._image(figure).convert("L"))[5:-5]
-    assert (rows == rows[0]).all() and rows[0].min() == 0
-
-
-def test_headline_is_wrapped_to_page(occupancy):
-    story = a_story(occupancy)
-    long = replace(story, run=replace(story.run, reason="no valid command, " * 9))
-    for figure in (still.strip_figure(long, [a_snapshot(0)]), Figure(figsize=(9.7, 6.0))):
-        still.write_head(figure, long)
-        ending = next(text for text in figure.texts if text.get_text().startswith("aborted: "))
-        assert ending.get_window_extent().x1 < figure.bbox.x1
 
 
 def test_film_shows_all_pictures_in_true_colors(film):
