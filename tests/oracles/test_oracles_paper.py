@@ -3,10 +3,10 @@
 import json
 
 import pytest
-from paper_page import main, paper_page
+from paper_page import paper_page
 from paper_published import ALL_RUNS, PUBLISHED
-from paper_results import NotThePapers, Requested, paper_results, requested_of
-from paper_starts import Begun, Starts, starts_of
+from paper_results import Requested, paper_results, requested_of
+from paper_starts import Begun, Starts
 from table import each_row
 
 from vastflow.oracles.statistics.intervals import Counts
@@ -161,12 +161,6 @@ def test_paper_results_reduce_directory_to_figures(safety):
     assert found.starts == Starts(near, free, Counts(2, 1), {POINTS_IN_FOOTPRINT: 1})
 
 
-@each_row(("x_m", "near"), [(0.275, 1), (0.325, 0), (0.025, 1), (-9.0, 1), (2.725, 1), (2.675, 0)])
-def test_starts_within_five_cells_of_wall_are_near(safety, x_m, near):
-    row = {"name": "a", "environment": "room", "start": start(x_m)["start_pose"]}
-    assert starts_of(safety / "environments", [row], [], {}).near.configurations == near
-
-
 def test_readings_have_bases_of_robustness_and_radii_of_obstacles(robustness, safety):
     assert {each.name: (each.alone, each.reached) for each in paper_results(robustness).readings} == {
         "update": (Counts(1, 1), Counts(0, 2)),
@@ -192,17 +186,3 @@ def test_page_has_rates_as_the_paper_counts_and_of_moved_runs(safety, robustness
     assert "Every distinct configuration was run" in page and "spawn_delays" not in page
     assert "A sample of so many configurations was run" in paper_page([paper_results(robustness)])
     assert "Side by side with the paper" in paper_page([])
-
-
-def test_paper_command_inserts_spawn_delays(safety, tmp_path, capsys):
-    row = {"delay_s": 0.4, "reading": "cube", "kept": 0.5, "reached": 11 / 12, "both": 0.5}
-    (tmp_path / "delays.json").write_text(json.dumps({"configurations": 12, "runs": 3, "rows": [row]}))
-    main([safety], tmp_path / "delays.json")
-    assert "| 0.4 s | cube | 50.0 % | 91.7 % | 50.0 % |" in capsys.readouterr().out
-
-
-def test_campaign_outside_paper_is_refused(safety):
-    metadata = json.loads((safety / "metadata.json").read_text())
-    (safety / "metadata.json").write_text(json.dumps({**metadata, "name": "quickstart"}))
-    with pytest.raises(NotThePapers, match="'quickstart' is none of the paper's; one of those in campaigns/paper"):
-        paper_results(safety)
