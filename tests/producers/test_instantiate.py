@@ -157,21 +157,6 @@ def test_empty_placements_are_duplicates(hall):
     assert [c.duplicate_of for c in found] == [None, "rooms-1-1", "rooms-1-1"]
 
 
-def test_coverage_accounts_for_all_that_was_asked(picky):
-    chain = Family("rooms", {}, {}, (*family_of(noise(1, 2)).producers, picky))
-    found = instantiate(Campaign((chain, family_of(noise(1, 1), name="flat"))))
-    names = ("requested", "excluded", "unrealisable", "duplicate", "realised", "valid")
-    assert [found.coverage[name] for name in names] == [6, 0, 2, 1, 3, 5]
-    assert [found.coverage["families"]["rooms"][name] for name in names] == [4, 0, 2, 0, 2, 4]
-    assert [found.coverage["families"]["flat"][name] for name in names] == [2, 0, 0, 1, 1, 1]
-
-
-def test_impossible_request_leaves_the_rest_of_the_campaign(hall):
-    found = instantiate(Campaign((family_of(paths(path_length=[200, 5]), noise(1, 2), values={"map_file": hall}),)))
-    assert [c.name for c in found.configurations] == ["rooms-1-1", "rooms-1-2"]
-    assert ["200 m" in r.reason for r in found.rejections] == [True]
-
-
 def test_same_seed_gives_the_same_paths_and_obstacles_whatever_else_varies(hall):
     values = {"map_file": hall}
     obstacles = {"ObstacleVariation": {"obstacle_configs": [{"amount": 3, "max_distance": 0.5}], "seed": 4}}

@@ -13,7 +13,7 @@ from walks import leaves_a_path
 
 from vastflow.producers.catalog.obstacle import ObstacleVariation
 from vastflow.producers.catalog.path import PathVariationRandom
-from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.configuration import Rejection
 from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate
 from vastflow.producers.places.ground import ground_of
@@ -155,37 +155,6 @@ def test_listed_amounts_and_distances_are_combined_and_each_placed_count_times(s
     assert [len(placed(item)) for item in items] == [1] * 8 + [1 + per_m] * 8
 
 
-def test_empty_placements_are_equal_fragments(site):
-    items = evaluate(obstacle_variation({"amount_per_m": 0, "max_distance": 0.3}, count=3), site)
-    requested = {"amount_per_m": 0.0, "max_distance": 0.3, "model": "box", "xacro_arguments": ""}
-    assert items == [
-        Fragment(
-            {
-                "static_objects": [],
-                "_obstacles": {"static_objects": []},
-                "_requested_static_objects": {**requested, "draw": draw},
-            }
-        )
-        for draw in (1, 2, 3)
-    ]
-
-
-def test_placements_are_independent_of_other_amounts(site):
-    few = evaluate(obstacle_variation({"amount_per_m": 0.2, "max_distance": 1}, count=2), site)
-    more = evaluate(obstacle_variation({"amount_per_m": [0.1, 0.2], "max_distance": 1}, count=3), site)
-    assert more[3:5] == few
-
-
-def test_entries_are_written_as_the_scenario_reads_them(site):
-    producer = obstacle_variation({"amount": 2, "max_distance": 1, "args": "width:=0.3"}, name="things")
-    (item,) = evaluate(producer, site)
-    entries = item.values["things"]
-    assert [entry["entity_name"] for entry in entries] == ["obstacle_0", "obstacle_1"]
-    assert {entry["model"] for entry in entries} == {"box"}
-    assert {entry["xacro_arguments"] for entry in entries} == {"width:=0.3"}
-    assert producer.writes == {"things": "environment"}
-
-
 def test_shortest_path_counts_without_a_drawn_one(drawn_map):
     inputs = corridor(drawn_map, 3, -1.28)
     (item,) = evaluate(obstacle_variation({"amount_per_m": 0.2, "max_distance": 0, "args": "width:=0.2"}), inputs)
@@ -242,18 +211,6 @@ def test_listed_obstacles_stay(site):
     (item,) = evaluate(obstacle_variation({"amount": 2, "max_distance": 1}), {**site, "static_objects": [given_box]})
     assert item.values["static_objects"][0] == given_box
     assert [o.name for o in placed(item)] == ["obstacle_1", "obstacle_2", "obstacle_3"]
-
-
-def test_corridor_that_an_earlier_obstacle_narrows_is_not_closed(drawn_map):
-    inputs = corridor(drawn_map, 3, -1.3)
-    boxes = [{"spawn_pose": {"x": 5.0, "y": -1.65}, "xacro_arguments": "length:=9.0 width:=0.7"}]
-    # Of 1.5 m the earlier box leaves 0.8 m, and beside a cylinder of 0.5 m in it no robot passes.
-    producer = obstacle_variation(
-        {"amount": 1, "max_distance": 0.4, "model": "cylinder", "args": "radius:=0.25"}, count=2
-    )
-    items = evaluate(producer, {**inputs, "static_objects": boxes})
-    assert not any(abs(placed(item)[1].pose.x_m - 5.0) < 4.0 for item in items if isinstance(item, Fragment))
-    assert any(abs(placed(item)[0].pose.x_m - 5.0) < 4.0 for item in evaluate(producer, inputs))
 
 
 def test_obstacles_blocking_only_path_are_the_reason(drawn_map):

@@ -121,28 +121,11 @@ def test_triggers_with_own_keys_are_separate(site):
     assert all((o.trigger.x_m, o.trigger.y_m) == (o.pose.x_m, o.pose.y_m) for o in found.values())
 
 
-def test_static_layer_after_obstacle_layer_keeps_order(site):
-    (late,) = evaluate(triggered(name="late"), site)
-    config = {"amount": 5, "max_distance": 1.0, "args": "width:=0.4"}
-    (item,) = evaluate(
-        ObstacleVariation(ObstacleVariation.Parameters(obstacle_configs=[config])), {**site, **late.values}
-    )
-    found = obstacles_of(environment(item, environment(late)))
-    assert len([o for o in found if o.trigger]) == 1
-    footprints = [o.footprint() for o in found]
-    assert all(one.distance(other) >= 0.05 for one, other in itertools.combinations(footprints, 2))
-
-
 def test_distances_are_outermost_and_each_is_placed_count_times(site):
     producer = triggered({**BOX, "max_distance": [0.3, 0.9]}, trigger_distance=[1.0, 2.0], count=3)
     items = evaluate(producer, site)
     assert [item.values["spawn_trigger_threshold"] for item in items] == [1.0] * 6 + [2.0] * 6
     assert len({str(item.values) for item in items}) == 12
-
-
-def test_placements_are_independent_of_other_distances(site):
-    per_m = {"amount_per_m": 0.12, "max_distance": 0.5}
-    assert evaluate(triggered(per_m, trigger_distance=[1.5, 1.0]), site)[1:] == evaluate(triggered(per_m), site)
 
 
 @each_row(
