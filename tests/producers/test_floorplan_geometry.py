@@ -92,19 +92,6 @@ def test_space_is_placed_by_its_frame_in_the_other_frame(location, first_corner)
     assert geometry(ROOM + second)["spaces"]["b"][0] == pytest.approx(first_corner)
 
 
-def test_name_with_wall_in_it_changes_nothing():
-    location = "wrt: {0}.walls[0] of: this.walls[2] spaced features: Column c: shape: Circle radius=0.1 m height: 1 m "
-    location += "location: wrt: this.walls[2] translation: y: -0.5 m"
-    second_room = f"Space b: shape: Rectangle width=2 m, length=2 m location: {location}"
-    first, second = (
-        geometry(ROOM.replace("Space a", f"Space {name}") + second_room.format(name))
-        for name in ("a", "wallwall_walls")
-    )
-    assert first["obstacles"] == second["obstacles"]
-    assert first["spaces"]["b"] == second["spaces"]["b"]
-    assert first["obstacles"]["c"]["polygon"][0] == pytest.approx((0, 2.3))  # in b, half a meter from its south wall
-
-
 def test_equally_named_features_in_two_rooms_are_distinct():
     post = " features: Column c: shape: Circle radius=0.1 m height: 1 m location: wrt: this\n"
     names = geometry(ROOM.strip() + post + "\nSpace b" + ROOM.partition("Space a")[2].strip() + post)["obstacles"]
@@ -255,9 +242,3 @@ def test_circle_and_polygon_are_open_as_wide_as_at_that_height():
         "Polygon points:[(-1, 0), (1, 0), (1, 2), (0.5, 2), (0.5, 0.5), (-0.5, 0.5), (-0.5, 2), (-1, 2)]", ""
     )
     assert twin_towers.section(1.0) == ((-1, -0.5), (0.5, 1))
-
-
-def test_polygon_of_an_opening_may_be_written_with_a_y_of_0():
-    two = hole("Polygon points:[(-0.5, 0), (0.5, 0), (0.5, 2), (-0.5, 2)]", "")
-    three = hole("Polygon points:[(-0.5, 0, 0), (0.5, 0, 0), (0.5, 0, 2), (-0.5, 0, 2)]", "")
-    assert two.shape == three.shape

@@ -71,16 +71,6 @@ def test_opening_of_any_shape_is_cut_out_of_its_wall(kind, shape, location, hole
     assert volume(triangles) == pytest.approx(RING_M2 * 2.5 - hole_m2 * 0.2, abs=5e-4)
 
 
-def test_opening_cuts_the_walls_it_names_and_no_others():
-    rooms = (
-        ROOM + "Space b: shape: Rectangle width=4 m, length=3 m location: wrt: a.walls[0] of: this.walls[2] spaced\n"
-    )
-    door = "Entryway d: shape: Rectangle width=1 m, height=2 m location: in: a.walls[0]{also} translation: z: 1 m"
-    one, both = (volume(written(rooms + door.format(also=also))) for also in ("", " and b.walls[2]"))
-    assert volume(written(rooms)) - one == pytest.approx(0.4, abs=3e-4)
-    assert volume(written(rooms)) - both == pytest.approx(0.8, abs=3e-4)
-
-
 @each_row(
     ("side_m", "at", "more_m3"),
     [(0.5, "a", 0.25), (0.2, "a.walls[0]", 0.02)],  # one half in a wall counts once
