@@ -173,11 +173,10 @@ def test_constraints_are_read_from_lists_mappings_and_the_campaign(load):
 
 
 def test_faults_of_constraints_and_designs_have_place_and_message(golden, load, tmp_path):
-    golden(
-        "campaign_files",
-        "constraints",
-        lambda text: [each.replace(f"{tmp_path}/", "") for each in faults_of(load, text)],
-    )
+    def faults(text):
+        return [each.replace(f"{tmp_path}/", "") for each in faults_of(load, text)]
+
+    golden("campaign_files", "constraints", faults)
 
 
 def test_place_inside_of_a_double_quoted_text_counts_its_escapes():
