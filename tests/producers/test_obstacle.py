@@ -51,6 +51,11 @@ def site(drawn_map):
     return {"map_file": content, **item.values}
 
 
+@pytest.fixture(scope="module")
+def ground(drawn_map):
+    return ground_of(drawn_map(*["." * 35] * 35, resolution_m=0.1), 0.35)
+
+
 def corridor(drawn_map, half_meters_wide, y):
     """The inputs of a way of 10 m along a corridor."""
     ends = {key: {"x": x, "y": y} for key, x in (("start_pose", 0.0), ("goal_pose", 10.0))}
@@ -101,8 +106,7 @@ def test_obstacles_stand_free_near_the_path_and_leave_a_path(
     width=st.floats(0.02, 1.0),
 )
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_covered_cells_intersect_footprint(drawn_map, x, y, yaw, length, width):
-    ground = _open_ground(drawn_map)
+def test_covered_cells_intersect_footprint(ground, x, y, yaw, length, width):
     entry = {"spawn_pose": {"x": x, "y": y, "yaw": yaw}, "xacro_arguments": f"length:={length} width:={width}"}
     footprint = obstacle_of(entry).footprint()
     found = {tuple(cell) for cell in covered_cells(ground, footprint).tolist()}
@@ -113,12 +117,6 @@ def test_covered_cells_intersect_footprint(drawn_map, x, y, yaw, length, width):
             assert (row, column) not in found
         elif footprint.intersection(square).area > 1e-9:
             assert (row, column) in found
-
-
-def _open_ground(drawn_map, cache={}):  # noqa: B006 - one map for all examples
-    if not cache:
-        cache["ground"] = ground_of(drawn_map(*["." * 35] * 35, resolution_m=0.1), 0.35)
-    return cache["ground"]
 
 
 @given(st.lists(st.tuples(st.integers(0, 19), st.integers(0, 19)), min_size=1, max_size=6), st.integers(0, 6))
