@@ -128,10 +128,6 @@ def polygons(draw, convex=False):
     return outline
 
 
-def sharpest_deg(outline):
-    return turns_deg(outline).min()
-
-
 def turns_deg(outline):
     """The angle at each corner, the smaller one."""
     corners = np.array(outline)
@@ -141,7 +137,7 @@ def turns_deg(outline):
 
 @given(polygons(convex=True), st.floats(0.05, 0.5))
 def test_walls_round_a_convex_room_fill_its_mitred_offset(outline, thickness):
-    assume(sharpest_deg(outline) > 10)
+    assume(turns_deg(outline).min() > 10)
     floor = shapely.Polygon(outline)
     walls = shapely.union_all([shapely.Polygon(wall) for wall in wall_outlines(outline, thickness)])
     whole = floor.buffer(thickness, join_style="mitre", mitre_limit=100)
@@ -156,7 +152,7 @@ def test_walls_leave_no_gap_round_a_room(outline, thickness):
 
     Long enough is a wall that is two thicknesses longer than what the mitres at its ends take of it.
     """
-    assume(sharpest_deg(outline) > 5)
+    assume(turns_deg(outline).min() > 5)
     taken = thickness / np.tan(np.radians(turns_deg(outline)) / 2)  # of a wall, by the mitre at each corner
     lengths = shapely.length(shapely.linestrings(list(itertools.pairwise((*outline, outline[0])))))
     assume((lengths - taken - np.roll(taken, -1)).min() > 2 * thickness)
@@ -168,7 +164,7 @@ def test_walls_leave_no_gap_round_a_room(outline, thickness):
 
 @given(polygons(), st.floats(0.01, 2.0))
 def test_walls_are_simple_polygons_along_the_floor(outline, thickness):
-    assume(sharpest_deg(outline) > 1.5)
+    assume(turns_deg(outline).min() > 1.5)
     for k, wall in enumerate(wall_outlines(outline, thickness)):
         assert shapely.Polygon(wall).is_valid
         assert wall[3] == outline[k]

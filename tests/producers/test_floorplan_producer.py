@@ -5,10 +5,9 @@ import shutil
 from pathlib import Path
 
 import pytest
+from families import made
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.catalog.floorplan import FloorplanGeneration, FloorplanVariation
-from vastflow.producers.catalog.one_of import OneOfVariation
 from vastflow.producers.floorplan.environment import environments_in
 from vastflow.producers.floorplan.files import PlanFile, read_variation_file
 from vastflow.producers.model.configuration import Fragment, Rejection
@@ -38,13 +37,11 @@ def store(tmp_path):
 
 
 def generation(base, **parameters):
-    given = {"floorplans": ["test_floorplan_example.fpm"], **parameters}
-    return FloorplanGeneration(FloorplanGeneration.Parameters.model_validate(given, context={"base": base}))
+    return made("FloorplanGeneration", {"floorplans": ["test_floorplan_example.fpm"], **parameters}, base)
 
 
 def variation(base, **parameters):
-    given = {"variation_files": ["test_floorplan_example.variation"], **parameters}
-    return FloorplanVariation(FloorplanVariation.Parameters.model_validate(given, context={"base": base}))
+    return made("FloorplanVariation", {"variation_files": ["test_floorplan_example.variation"], **parameters}, base)
 
 
 def only(producer):
@@ -122,11 +119,8 @@ def test_notes_on_drawn_plans_name_their_seeds(base):
         f"test_floorplan_example.fpm:40:14: warning: Entryway door: as drawn with seed {beside[0]} and in "
         f"{len(beside) - 1} more of the first 6 variations: it cuts nothing: it reaches from "
     )
-    alternatives = {
-        "variations": [{"FloorplanVariation": {"variation_files": [file.name], "num_variations": 6, "seed": 3}}]
-    }
-    one_of = OneOfVariation(OneOfVariation.Parameters.model_validate(alternatives, context={"base": base}))
-    assert one_of.notes == (note,)
+    child = {"FloorplanVariation": {"variation_files": [file.name], "num_variations": 6, "seed": 3}}
+    assert made("OneOfVariation", {"variations": [child]}, base).notes == (note,)
 
 
 def test_notes_of_drawn_plan_match_text(base):
@@ -150,8 +144,8 @@ def test_campaign_reports_each_plan_warning_once(base):
     )
     (warning,) = [note for note in load_campaign(base / "c.vast").notes if note.place.file == plan.name]
     assert warning.problem.endswith("and is cut to that")
-    for made in (generation(base), variation(base)):
-        assert [str(note) for note in made.notes] == [str(warning)]
+    for producer in (generation(base), variation(base)):
+        assert [str(note) for note in producer.notes] == [str(warning)]
 
 
 def test_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):
@@ -169,8 +163,8 @@ def test_parameter_content_ignores_location_of_plan_files(base, tmp_path):
     moved.mkdir()
     for file in base.glob("test_floorplan_example.*"):
         shutil.copy(file, moved)
-    for made in (variation, generation):
-        assert content_of(made(base).parameters) == content_of(made(moved).parameters)
+    for producer in (variation, generation):
+        assert content_of(producer(base).parameters) == content_of(producer(moved).parameters)
     plan = moved / "test_floorplan_example.fpm"
     plan.write_text(plan.read_text().replace("height: 2.5 m", "height: 2.6 m"))
     assert content_of(variation(base).parameters) != content_of(variation(moved).parameters)
