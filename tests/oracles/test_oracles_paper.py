@@ -100,26 +100,6 @@ def safety(build, tmp_path):
     return written(made, build, "paper-safety-original-maps", configurations, runs, verdicts, found)
 
 
-@pytest.fixture
-def robustness(build, tmp_path):
-    noise = {"laserscan_gaussian_noise_std_deviation": 0.05, "laserscan_random_drop_percentage": 0.1}
-    factors = {**start(1.025), "number_of_loops": 0, **noise}
-    measured = [(1.0, 9.0, 0.3, 0.02, 0.3), (0.2, 5.0, 0.1, 0.01, 0.31)]
-    names = ("update", "step", "metre", "mean", "maximum")
-    verdicts = []
-    for i, values in enumerate(measured):
-        metrics = {name: {"value": value, "unit": "m"} for name, value in zip(names, values, strict=True)}
-        judgement = "pass" if values[0] <= 0.3 else "fail"
-        verdicts += [
-            ("a-1", i, "success", "pass" if i == 0 else "fail", {}),
-            ("a-1", i, "robustness", judgement, {**metrics, "threshold": {"value": 0.3, "unit": "m"}}),
-        ]
-    runs = [("a-1", 30.0, 10.0, None)] * 2
-    configurations = [("a-1", None, factors, {})]
-    made = build.campaign(tmp_path / "robustness")
-    return written(made, build, "paper-robustness", configurations, runs, verdicts, sampled_from=1792)
-
-
 def test_papers_figures_are_consistent():
     assert ALL_RUNS == 109_600
     found = {kind: (round(100 * each.rate, 2), each.not_started) for kind, each in PUBLISHED.items()}
@@ -161,21 +141,7 @@ def test_paper_results_reduce_directory_to_figures(safety):
     assert found.starts == Starts(near, free, Counts(2, 1), {POINTS_IN_FOOTPRINT: 1})
 
 
-def test_readings_have_bases_of_robustness_and_radii_of_obstacles(robustness, safety):
-    assert {each.name: (each.alone, each.reached) for each in paper_results(robustness).readings} == {
-        "update": (Counts(1, 1), Counts(0, 2)),
-        "step": (Counts(0, 2), Counts(0, 2)),
-        "metre": (Counts(2, 0), Counts(1, 1)),
-        "mean": (Counts(2, 0), Counts(1, 1)),
-        "maximum": (Counts(1, 1), Counts(1, 1)),
-    }
-    assert {each.name: (each.alone, each.reached, each.median_m) for each in paper_results(safety).readings} == {
-        "footprint": (Counts(4, 0), Counts(3, 1), 0.25),
-        "cube": (Counts(3, 1), Counts(2, 2), pytest.approx(0.09)),
-    }
-
-
-def test_page_has_rates_as_the_paper_counts_and_of_moved_runs(safety, robustness):
+def test_page_has_rates_as_the_paper_counts_and_of_moved_runs(safety):
     page = paper_page([paper_results(safety)])
     (row,) = (line for line in page.splitlines() if line.startswith("| safety | **") and "| 2 | 2 |" in line)
     for words in ("| 50.0 % [15.0, 85.0] |", "| 75.0 % [", "| **61.2 %** |"):
@@ -184,5 +150,3 @@ def test_page_has_rates_as_the_paper_counts_and_of_moved_runs(safety, robustness
     for words in ("| **66.7 % [20.7, 93.9]** | **61.2 %** |", stood, "| `cube` | 0.090 m | 75.0 %"):
         assert words in page
     assert "Every distinct configuration was run" in page and "spawn_delays" not in page
-    assert "A sample of so many configurations was run" in paper_page([paper_results(robustness)])
-    assert "Side by side with the paper" in paper_page([])
