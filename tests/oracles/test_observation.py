@@ -330,3 +330,8 @@ def test_clearance_agrees_with_shapely(yaw_rad, x_m, y_m, shape):
     obstacle = Obstacle("it", shape, Pose(0.5, -0.5, yaw_rad), 0.8, 0.4 if shape == "box" else 0.8)
     (clearance_m,) = clearances(obstacle, at=[(x_m, y_m)])
     assert clearance_m == pytest.approx(obstacle.footprint().distance(shapely.Point(x_m, y_m)), abs=1e-3)
+
+
+def test_clearance_follows_pushed_and_turned_obstacle():
+    for t_s, clearance_m in ((0.5, math.inf), (1.0, 0.75), (2.0, 1.5 - 0.25 * math.sqrt(2))):
+        assert clearances(APPEARS, *PUSHED, at=[(2.0, 0.0)], t_s=t_s) == pytest.approx([clearance_m])

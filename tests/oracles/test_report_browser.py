@@ -25,7 +25,6 @@ def browser(debugged: str) -> Iterator[Browser]:
     browser = opened(debugged)
     yield browser
     browser.ask("Emulation.setScriptExecutionDisabled", value=False)
-    browser.ask("Emulation.clearDeviceMetricsOverride")
     browser.ask("Page.navigate", url="about:blank")
 
 
@@ -148,16 +147,6 @@ def test_plain_table_without_script_has_worst_first(browser: Browser, report: Pa
     assert rows[0][3].startswith("0\u00a0%")
     assert browser.value("document.querySelector('#configurations caption').innerText").startswith("The first 40 of 70")
     assert browser.value("document.querySelectorAll('.tools').length") == 0
-
-
-def test_phone_scrolls_tables_and_not_page(browser: Browser, report: Path) -> None:
-    browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=2, mobile=True)
-    open_table(browser, report)
-    assert browser.value("document.documentElement.scrollWidth") <= 390
-    frame = "document.querySelector('#all .card.scroll')"
-    assert browser.value(f"{frame}.scrollWidth > {frame}.clientWidth")
-    layers = browser.value(f"getComputedStyle({frame}).backgroundAttachment").split(", ")  # a shadow at the edge
-    assert sorted(set(layers[:4])) == ["local", "scroll"]
 
 
 def test_printed_page_unfolds_sections(browser: Browser, report: Path) -> None:
