@@ -30,46 +30,8 @@ def family(kind="cartesian", *, rows, product, realised, duplicate=0, rejected=N
     }
 
 
-def coverage(*families):
-    return {
-        "families": {str(i): each for i, each in enumerate(families)},
-        "duplicate": sum(each["duplicate"] for each in families),
-        "realised": sum(each["realised"] for each in families),
-    }
-
-
-def written(made, build, name, configurations, runs, verdicts, found=None, *, asked=2, **counts):
-    """A campaign directory with what the page reads.
-
-    Args:
-        configurations: Name, duplicate_of, factors, provenance.
-        runs: Configuration, simulated time, distance, why it stood still.
-        verdicts: Configuration, run index, oracle, judgement, metrics.
-    """
-    said = {oracle: {"passed": 0, "failed": 0, "not_judged": 0} for _, _, oracle, _, _ in verdicts}
-    for configuration, run_index, oracle, judgement, metrics in verdicts:
-        said[oracle][{"pass": "passed", "fail": "failed"}[judgement]] += 1
-        row = {"configuration": configuration, "run_index": run_index, "oracle": oracle, "judgement": judgement}
-        made.verdicts.append({**row, "metrics": json.dumps(metrics)})
-    for configuration, simulated_s, distance_m, stood_still in runs:
-        run_index = sum(row["configuration"] == configuration for row in made.runs)
-        moved = {"simulated_s": simulated_s, "distance_m": distance_m, "stood_still": stood_still}
-        made.runs.append({"configuration": configuration, "run_index": run_index, **moved})
-    for configuration, duplicate_of, *texts in configurations:
-        scenario = {"environment": {}, "task": {"goal_pose": configuration}}
-        columns = zip(("factors", "provenance", "scenario"), map(json.dumps, (*texts, scenario)), strict=True)
-        row = {"name": configuration, "duplicate_of": duplicate_of, "environment": "room"}
-        made.configurations.append({**row, **dict(columns)})
-    counts = {"executed": len(runs), "simulated_s": 100.0, "cpu_s": 20.0, "oracles": said, **counts}
-    made.metadata = {"name": name, "asked": {"runs": asked}, "counts": counts, "host": {"cpus": 2}}
-    directory = made.write()
-    (directory / "coverage.json").write_text(json.dumps(found or coverage(family(rows=2, product=2, realised=2))))
-    build.write_map(directory / "environments" / "room", build.walled_room(3.0, 3.0))
-    (directory / "logs").mkdir()
-    (directory / "logs" / "runs.jsonl").write_text(
-        json.dumps({"configuration": "a-1", "runs": [{"cpu_s": 0.25}] * len(runs)})
-    )
-    return directory
+def coverage(of_family):
+    return {"families": {"0": of_family}, "duplicate": of_family["duplicate"], "realised": of_family["realised"]}
 
 
 def margins(footprint_m, cube_m):
@@ -95,9 +57,32 @@ def safety(build, tmp_path):
         ("a-4", 1, "success", "fail", {}),
         ("a-4", 1, "safety", "pass", margins(0.4, 0.2)),
     ]
-    found = coverage(family(rows=4, product=4, realised=2, duplicate=2))
     made = build.campaign(tmp_path / "safety")
-    return written(made, build, "paper-safety-original-maps", configurations, runs, verdicts, found)
+    for configuration, run_index, oracle, judgement, metrics in verdicts:
+        row = {"configuration": configuration, "run_index": run_index, "oracle": oracle, "judgement": judgement}
+        made.verdicts.append({**row, "metrics": json.dumps(metrics)})
+    for k, (configuration, simulated_s, distance_m, stood_still) in enumerate(runs):
+        moved = {"simulated_s": simulated_s, "distance_m": distance_m, "stood_still": stood_still}
+        made.runs.append({"configuration": configuration, "run_index": k % 2, **moved})
+    for configuration, duplicate_of, *texts in configurations:
+        scenario = {"environment": {}, "task": {"goal_pose": configuration}}
+        columns = zip(("factors", "provenance", "scenario"), map(json.dumps, (*texts, scenario)), strict=True)
+        row = {"name": configuration, "duplicate_of": duplicate_of, "environment": "room"}
+        made.configurations.append({**row, **dict(columns)})
+    said = {
+        "success": {"passed": 3, "failed": 1, "not_judged": 0},
+        "safety": {"passed": 3, "failed": 1, "not_judged": 0},
+    }
+    counts = {"executed": len(runs), "simulated_s": 100.0, "cpu_s": 20.0, "oracles": said}
+    made.metadata = {"name": "paper-safety-original-maps", "counts": counts, "host": {"cpus": 2}, "asked": {"runs": 2}}
+    directory = made.write()
+    found = coverage(family(rows=4, product=4, realised=2, duplicate=2))
+    (directory / "coverage.json").write_text(json.dumps(found))
+    build.write_map(directory / "environments" / "room", build.walled_room(3.0, 3.0))
+    (directory / "logs").mkdir()
+    costs = {"configuration": "a-1", "runs": [{"cpu_s": 0.25}] * len(runs)}
+    (directory / "logs" / "runs.jsonl").write_text(json.dumps(costs))
+    return directory
 
 
 def test_papers_figures_are_consistent():

@@ -139,8 +139,9 @@ def test_page_is_well_formed_and_self_contained(page, shown):
     text = text_of(shown)
     assert not re.search(r"@import|url\(|<link|<script[^>]*src|fetch\(|XMLHttp|import\(", text)
     links = {address for address in page.addresses if address.startswith("figures/")}
-    assert links == {f"figures/{file.name}" for file in (shown / "figures").iterdir()}
-    assert {re.sub(r"-[0-9a-f]{8}$", "", Path(link).stem) for link in links} == {
+    files = {f"figures/{file.name}" for file in (shown / "figures").iterdir()}
+    assert links and links <= files
+    assert {re.sub(r"-[0-9a-f]{8}$", "", Path(file).stem) for file in files} == {
         *("rates", "factors", "final-poses", "failure-rate", "failed", "passed", "case-noisy-1"),
         *("cause-too-close", "cause-no-path", "case-noisy-2"),
     }
