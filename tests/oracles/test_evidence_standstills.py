@@ -14,15 +14,13 @@ from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.findings import findings_of, shape_of
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.results.tables import read_tables
-from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.run import run
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.loop.standstill import POINTS_IN_FOOTPRINT, STOOD_STILL
+from vastflow.sim.model.recording import Event
 
 CONFIGURATIONS, RUNS = 12, 10
 NEAR_A_WALL = 4
-"""So many of the configurations start 0.27 m from a wall, the others 1 m and more."""
+"""So many of the configurations start near a wall, where the wide one of two robots stands still."""
 THIN, WIDE = 0.2, 0.3
-"""Radii of robots (m): in the footprint of the wide one there is a wall at those starts."""
 CAUSE = "the collision monitor stopped every command: scan points inside the footprint"
 
 INGREDIENTS = {
@@ -37,27 +35,22 @@ INGREDIENTS = {
 
 @pytest.fixture(scope="module")
 def driven(build, tmp_path_factory):
-    """Campaign directories of two systems that differ in their radius, driven by the simulator: thin, wide."""
+    """Campaign directories of two systems that differ in their radius: thin, wide."""
     map_file = build.write_map(tmp_path_factory.mktemp("room"), build.walled_room(6.0, 6.0))
+    stood = {"outcome": "timed_out", "events": (Event(0.0, STOOD_STILL, 1.0, 1.0, POINTS_IN_FOOTPRINT),)}
 
     def campaign(radius_m):
         made = build.campaign(tmp_path_factory.mktemp(f"radius-{radius_m}"))
         made.metadata |= INGREDIENTS
-        system = {"robot_radius": radius_m, "controller": "rpp"}
         for k in range(CONFIGURATIONS):
-            y_m = 0.32 if k < NEAR_A_WALL else 1.0 + 0.1 * k
-            task = {"start_pose": pose(1.0 + 0.1 * k, y_m), "goal_pose": pose(2.5 + 0.1 * k, y_m + 1.0)}
-            environment = {"map_file": map_content(map_file), "static_objects": []}
-            scenario = Scenario("builtin:navigate_to_pose", 20.0, environment, task, system)
-            recordings = [run(scenario, index) for index in range(RUNS)]
+            path, given = ([(1, 1)] * 20, stood) if radius_m == WIDE and k < NEAR_A_WALL else ([(1, 1), (2, 2)], {})
+            task = {"start_pose": {"x": 1, "y": 1}, "goal_pose": {"x": 2, "y": 2 + 0.1 * k}}
+            system = {"robot_radius": radius_m}
+            recordings = [build.a_recording(path, run_index=index, **given) for index in range(RUNS)]
             made.add(f"start-{k}", "room", map_file, task, recordings=recordings, factors=system, system=system)
         return made.write()
 
     return campaign(THIN), campaign(WIDE)
-
-
-def pose(x_m, y_m):
-    return {"position": {"x": x_m, "y": y_m}, "orientation": {"yaw": 0.0}}
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """Scenes of a synthetic campaign directory, zones of costmap filters, and figures of a pair of campaigns."""
 
-import io
 import json
 
 import numpy as np
@@ -12,10 +11,9 @@ from vastflow.oracles.figures import scene as scenes
 from vastflow.oracles.figures.case_figure import Case, PlanView, pair_figure, plan_view_figure
 from vastflow.oracles.figures.maps import map_figure, zone_handles
 from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_extent_m, read_walks, scenes_of, zones_of
-from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.results.executed import environment_names
-from vastflow.oracles.results.tables import CODES, FAIL, PASS, read_tables
+from vastflow.oracles.results.tables import FAIL, PASS, read_tables
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
@@ -70,13 +68,6 @@ def test_scene_leaves_out_broken_configuration(synthetic_campaign, room, build):
     synthetic_campaign.add("a-2", "a", room, TASK, fault=fault, runs=1, obstacles=[broken])
     (scene,) = scenes_of(read_tables(synthetic_campaign.write()))
     assert (scene.runs.passed, scene.runs.not_judged, len(scene.obstacles)) == (1, 1, 0)
-
-
-def test_scene_draws_evenly_chosen_runs(directory, monkeypatch):
-    monkeypatch.setattr(scenes, "MAX_LINES", 3)
-    (scene,) = scenes_of(read_tables(directory))
-    assert [len(scene.lines[code]) for code in CODES.values()] == [3, 3, 0]
-    assert scene.runs.passed == 7
 
 
 def test_environment_names_match_files(directory, room):
@@ -198,31 +189,3 @@ def test_zones_of_scenarios_are_masks_of_enabled_filters(tmp_path):
     assert (len(found.keepout), found.speed) == (1, ())
     assert (found.keepout[0].cells == 100).all()
     assert zones_of([without]).keepout == ()
-
-
-def a_side(build, tmp_path, title, said, chosen=0):
-    occupancy = load_map(build.write_map(tmp_path / title, build.walled_room(8.0, 6.0)))
-    situation = Situation(Pose(1.0, 1.0, 0.0), (Pose(6.0, 4.0, 0.0),), ())
-    paths = [(judgement, np.linspace((1.0, 1.0), (6.0, 1.0 + k), 40)) for k, judgement in enumerate(said)]
-    return Case(title, occupancy, situation, (), paths, chosen)
-
-
-def drawn(*sides):
-    content = png(pair_figure("c1", sides))
-    return content, np.asarray(Image.open(io.BytesIO(content)).convert("RGB")).astype(int)
-
-
-def colored(pixels, rgb):
-    return int((np.abs(pixels - rgb).sum(axis=2) < 30).sum())
-
-
-def test_pair_figure_draws_both_sides(build, tmp_path):
-    sides = a_side(build, tmp_path, "A", ("pass", "pass")), a_side(build, tmp_path, "B", ("fail", "pass"))
-    _, pixels = drawn(*sides)
-    left, right = pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]
-    blue, vermilion = (0, 114, 178), (213, 94, 0)
-    assert colored(left, blue) > 200 and colored(right, vermilion) > 200
-    assert colored(right[:-90], blue) < colored(left[:-90], blue)
-    assert drawn(*sides)[0] == drawn(*sides)[0]
-    empty = a_side(build, tmp_path, "C", (), chosen=None), a_side(build, tmp_path, "D", ("not judged",), chosen=None)
-    assert drawn(*empty)[0].startswith(b"\x89PNG")

@@ -60,14 +60,6 @@ def test_example_notebook_counts_time_driven_while_lost():
     assert verdict.reason == "drove for 3.4 s more than 0.025 m from where it believed to be"
 
 
-def test_notebook_judges_block_of_runs(tmp_path) -> None:
-    oracle = notebook(tmp_path, LEAVES)
-    verdicts = oracle.judge_all([CORRIDOR.trace], CORRIDOR.situation)
-    assert [(v.oracle, v.run_index, v.judgement, v.metrics["distance"].value) for v in verdicts] == [
-        ("judge.ipynb", 3, "pass", 5.0)
-    ]
-
-
 def test_parameters_of_campaign_replace_defaults_of_notebook(tmp_path) -> None:
     parameters = cell("limit = 1.5\nword: str = 'slow'", "parameters")
     fails = "verdicts = [{'run_index': 3, 'judgement': 'fail', 'reason': f'{word} {limit}'}]"
@@ -121,7 +113,6 @@ def test_notebook_without_valid_verdicts_is_broken(tmp_path, left: str, message:
     [
         (["%time 1"], "cell 1, line 1: expected Python, got '%time 1'; tag .* 'skip-execution'"),
         ([cell("import numpy", "parameters")], "cell 1, line 1: expected name = literal, got 'import numpy'"),
-        ([cell("a = b", "parameters")], "cell 1, line 1: expected name = literal, got 'a = b'"),
         (["metrics = {'a': 1}"], r"cell 1: expected names and units, got metrics = \{'a': 1\}"),
     ],
 )
@@ -139,10 +130,8 @@ def test_file_of_other_format_is_refused(tmp_path) -> None:
     for damage, message in (
         ({"cells": [{"source": "x = 1"}], "nbformat": 4}, "cells.0.cell_type: expected a notebook of format 4, got "),
         ({"cells": {}, "nbformat": 4}, "cells: expected a notebook of format 4, got {}"),
-        ({"nbformat": 4}, "cells: expected a notebook of format 4, got "),
         ([], r"content: expected a notebook of format 4, got \[\]"),
         ({"cells": [{"cell_type": "code", "source": "x\0"}], "nbformat": 4}, "cell 1: .*null bytes"),
-        ({"cells": [{"cell_type": "code", "source": "'\ud800'"}], "nbformat": 4}, "cell 1: "),
         ({"cells": [{"cell_type": "code", "source": "(" * 3000}], "nbformat": 4}, "cell 1"),
     ):
         (tmp_path / "judge.ipynb").write_text(json.dumps(damage))

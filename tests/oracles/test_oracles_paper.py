@@ -3,10 +3,10 @@
 import json
 
 import pytest
-from paper_page import main, paper_page
+from paper_page import paper_page
 from paper_published import ALL_RUNS, PUBLISHED
-from paper_results import NotThePapers, Requested, paper_results, requested_of
-from paper_starts import Begun, Starts, starts_of
+from paper_results import Requested, paper_results, requested_of
+from paper_starts import Begun, Starts
 from table import each_row
 
 from vastflow.oracles.statistics.intervals import Counts
@@ -30,46 +30,8 @@ def family(kind="cartesian", *, rows, product, realised, duplicate=0, rejected=N
     }
 
 
-def coverage(*families):
-    return {
-        "families": {str(i): each for i, each in enumerate(families)},
-        "duplicate": sum(each["duplicate"] for each in families),
-        "realised": sum(each["realised"] for each in families),
-    }
-
-
-def written(made, build, name, configurations, runs, verdicts, found=None, *, asked=2, **counts):
-    """A campaign directory with what the page reads.
-
-    Args:
-        configurations: Name, duplicate_of, factors, provenance.
-        runs: Configuration, simulated time, distance, why it stood still.
-        verdicts: Configuration, run index, oracle, judgement, metrics.
-    """
-    said = {oracle: {"passed": 0, "failed": 0, "not_judged": 0} for _, _, oracle, _, _ in verdicts}
-    for configuration, run_index, oracle, judgement, metrics in verdicts:
-        said[oracle][{"pass": "passed", "fail": "failed"}[judgement]] += 1
-        row = {"configuration": configuration, "run_index": run_index, "oracle": oracle, "judgement": judgement}
-        made.verdicts.append({**row, "metrics": json.dumps(metrics)})
-    for configuration, simulated_s, distance_m, stood_still in runs:
-        run_index = sum(row["configuration"] == configuration for row in made.runs)
-        moved = {"simulated_s": simulated_s, "distance_m": distance_m, "stood_still": stood_still}
-        made.runs.append({"configuration": configuration, "run_index": run_index, **moved})
-    for configuration, duplicate_of, *texts in configurations:
-        scenario = {"environment": {}, "task": {"goal_pose": configuration}}
-        columns = zip(("factors", "provenance", "scenario"), map(json.dumps, (*texts, scenario)), strict=True)
-        row = {"name": configuration, "duplicate_of": duplicate_of, "environment": "room"}
-        made.configurations.append({**row, **dict(columns)})
-    counts = {"executed": len(runs), "simulated_s": 100.0, "cpu_s": 20.0, "oracles": said, **counts}
-    made.metadata = {"name": name, "asked": {"runs": asked}, "counts": counts, "host": {"cpus": 2}}
-    directory = made.write()
-    (directory / "coverage.json").write_text(json.dumps(found or coverage(family(rows=2, product=2, realised=2))))
-    build.write_map(directory / "environments" / "room", build.walled_room(3.0, 3.0))
-    (directory / "logs").mkdir()
-    (directory / "logs" / "runs.jsonl").write_text(
-        json.dumps({"configuration": "a-1", "runs": [{"cpu_s": 0.25}] * len(runs)})
-    )
-    return directory
+def coverage(of_family):
+    return {"families": {"0": of_family}, "duplicate": of_family["duplicate"], "realised": of_family["realised"]}
 
 
 def margins(footprint_m, cube_m):
@@ -95,29 +57,32 @@ def safety(build, tmp_path):
         ("a-4", 1, "success", "fail", {}),
         ("a-4", 1, "safety", "pass", margins(0.4, 0.2)),
     ]
-    found = coverage(family(rows=4, product=4, realised=2, duplicate=2))
     made = build.campaign(tmp_path / "safety")
-    return written(made, build, "paper-safety-original-maps", configurations, runs, verdicts, found)
-
-
-@pytest.fixture
-def robustness(build, tmp_path):
-    noise = {"laserscan_gaussian_noise_std_deviation": 0.05, "laserscan_random_drop_percentage": 0.1}
-    factors = {**start(1.025), "number_of_loops": 0, **noise}
-    measured = [(1.0, 9.0, 0.3, 0.02, 0.3), (0.2, 5.0, 0.1, 0.01, 0.31)]
-    names = ("update", "step", "metre", "mean", "maximum")
-    verdicts = []
-    for i, values in enumerate(measured):
-        metrics = {name: {"value": value, "unit": "m"} for name, value in zip(names, values, strict=True)}
-        judgement = "pass" if values[0] <= 0.3 else "fail"
-        verdicts += [
-            ("a-1", i, "success", "pass" if i == 0 else "fail", {}),
-            ("a-1", i, "robustness", judgement, {**metrics, "threshold": {"value": 0.3, "unit": "m"}}),
-        ]
-    runs = [("a-1", 30.0, 10.0, None)] * 2
-    configurations = [("a-1", None, factors, {})]
-    made = build.campaign(tmp_path / "robustness")
-    return written(made, build, "paper-robustness", configurations, runs, verdicts, sampled_from=1792)
+    for configuration, run_index, oracle, judgement, metrics in verdicts:
+        row = {"configuration": configuration, "run_index": run_index, "oracle": oracle, "judgement": judgement}
+        made.verdicts.append({**row, "metrics": json.dumps(metrics)})
+    for k, (configuration, simulated_s, distance_m, stood_still) in enumerate(runs):
+        moved = {"simulated_s": simulated_s, "distance_m": distance_m, "stood_still": stood_still}
+        made.runs.append({"configuration": configuration, "run_index": k % 2, **moved})
+    for configuration, duplicate_of, *texts in configurations:
+        scenario = {"environment": {}, "task": {"goal_pose": configuration}}
+        columns = zip(("factors", "provenance", "scenario"), map(json.dumps, (*texts, scenario)), strict=True)
+        row = {"name": configuration, "duplicate_of": duplicate_of, "environment": "room"}
+        made.configurations.append({**row, **dict(columns)})
+    said = {
+        "success": {"passed": 3, "failed": 1, "not_judged": 0},
+        "safety": {"passed": 3, "failed": 1, "not_judged": 0},
+    }
+    counts = {"executed": len(runs), "simulated_s": 100.0, "cpu_s": 20.0, "oracles": said}
+    made.metadata = {"name": "paper-safety-original-maps", "counts": counts, "host": {"cpus": 2}, "asked": {"runs": 2}}
+    directory = made.write()
+    found = coverage(family(rows=4, product=4, realised=2, duplicate=2))
+    (directory / "coverage.json").write_text(json.dumps(found))
+    build.write_map(directory / "environments" / "room", build.walled_room(3.0, 3.0))
+    (directory / "logs").mkdir()
+    costs = {"configuration": "a-1", "runs": [{"cpu_s": 0.25}] * len(runs)}
+    (directory / "logs" / "runs.jsonl").write_text(json.dumps(costs))
+    return directory
 
 
 def test_papers_figures_are_consistent():
@@ -161,27 +126,7 @@ def test_paper_results_reduce_directory_to_figures(safety):
     assert found.starts == Starts(near, free, Counts(2, 1), {POINTS_IN_FOOTPRINT: 1})
 
 
-@each_row(("x_m", "near"), [(0.275, 1), (0.325, 0), (0.025, 1), (-9.0, 1), (2.725, 1), (2.675, 0)])
-def test_starts_within_five_cells_of_wall_are_near(safety, x_m, near):
-    row = {"name": "a", "environment": "room", "start": start(x_m)["start_pose"]}
-    assert starts_of(safety / "environments", [row], [], {}).near.configurations == near
-
-
-def test_readings_have_bases_of_robustness_and_radii_of_obstacles(robustness, safety):
-    assert {each.name: (each.alone, each.reached) for each in paper_results(robustness).readings} == {
-        "update": (Counts(1, 1), Counts(0, 2)),
-        "step": (Counts(0, 2), Counts(0, 2)),
-        "metre": (Counts(2, 0), Counts(1, 1)),
-        "mean": (Counts(2, 0), Counts(1, 1)),
-        "maximum": (Counts(1, 1), Counts(1, 1)),
-    }
-    assert {each.name: (each.alone, each.reached, each.median_m) for each in paper_results(safety).readings} == {
-        "footprint": (Counts(4, 0), Counts(3, 1), 0.25),
-        "cube": (Counts(3, 1), Counts(2, 2), pytest.approx(0.09)),
-    }
-
-
-def test_page_has_rates_as_the_paper_counts_and_of_moved_runs(safety, robustness):
+def test_page_has_rates_as_the_paper_counts_and_of_moved_runs(safety):
     page = paper_page([paper_results(safety)])
     (row,) = (line for line in page.splitlines() if line.startswith("| safety | **") and "| 2 | 2 |" in line)
     for words in ("| 50.0 % [15.0, 85.0] |", "| 75.0 % [", "| **61.2 %** |"):
@@ -190,19 +135,3 @@ def test_page_has_rates_as_the_paper_counts_and_of_moved_runs(safety, robustness
     for words in ("| **66.7 % [20.7, 93.9]** | **61.2 %** |", stood, "| `cube` | 0.090 m | 75.0 %"):
         assert words in page
     assert "Every distinct configuration was run" in page and "spawn_delays" not in page
-    assert "A sample of so many configurations was run" in paper_page([paper_results(robustness)])
-    assert "Side by side with the paper" in paper_page([])
-
-
-def test_paper_command_inserts_spawn_delays(safety, tmp_path, capsys):
-    row = {"delay_s": 0.4, "reading": "cube", "kept": 0.5, "reached": 11 / 12, "both": 0.5}
-    (tmp_path / "delays.json").write_text(json.dumps({"configurations": 12, "runs": 3, "rows": [row]}))
-    main([safety], tmp_path / "delays.json")
-    assert "| 0.4 s | cube | 50.0 % | 91.7 % | 50.0 % |" in capsys.readouterr().out
-
-
-def test_campaign_outside_paper_is_refused(safety):
-    metadata = json.loads((safety / "metadata.json").read_text())
-    (safety / "metadata.json").write_text(json.dumps({**metadata, "name": "quickstart"}))
-    with pytest.raises(NotThePapers, match="'quickstart' is none of the paper's; one of those in campaigns/paper"):
-        paper_results(safety)

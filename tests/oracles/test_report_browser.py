@@ -25,7 +25,6 @@ def browser(debugged: str) -> Iterator[Browser]:
     browser = opened(debugged)
     yield browser
     browser.ask("Emulation.setScriptExecutionDisabled", value=False)
-    browser.ask("Emulation.clearDeviceMetricsOverride")
     browser.ask("Page.navigate", url="about:blank")
 
 
@@ -148,33 +147,6 @@ def test_plain_table_without_script_has_worst_first(browser: Browser, report: Pa
     assert rows[0][3].startswith("0\u00a0%")
     assert browser.value("document.querySelector('#configurations caption').innerText").startswith("The first 40 of 70")
     assert browser.value("document.querySelectorAll('.tools').length") == 0
-
-
-def test_phone_scrolls_tables_and_not_page(browser: Browser, report: Path) -> None:
-    browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=2, mobile=True)
-    open_table(browser, report)
-    assert browser.value("document.documentElement.scrollWidth") <= 390
-    frame = "document.querySelector('#all .card.scroll')"
-    assert browser.value(f"{frame}.scrollWidth > {frame}.clientWidth")
-    layers = browser.value(f"getComputedStyle({frame}).backgroundAttachment").split(", ")  # a shadow at the edge
-    assert sorted(set(layers[:4])) == ["local", "scroll"]
-
-
-def test_first_screens_have_verdict_causes_and_worst_configurations(browser: Browser, report: Path) -> None:
-    browser.ask("Emulation.setDeviceMetricsOverride", width=1300, height=900, deviceScaleFactor=1, mobile=False)
-    browser.open(report)
-    top = "Math.round(document.querySelector(%r).getBoundingClientRect().top + scrollY)"
-    assert browser.value("document.documentElement.scrollHeight") < 9000
-    assert browser.value("document.querySelector('main').innerText.split(/\\s+/).length") < 2000
-    tops_px = [browser.value(top % selector) for selector in ("img", "#worst .case", "details")]
-    assert all(found < most for found, most in zip(tops_px, (1500, 3500, 2700), strict=True)), tops_px
-    heads = "[...document.querySelectorAll('main h2')].filter(it => it.checkVisibility()).map(it => it.innerText)"
-    assert browser.value(heads)[:4] == [
-        "Why runs failed",
-        "Worst configurations",
-        "Where it happened",
-        "What varied and what matters",
-    ]
 
 
 def test_printed_page_unfolds_sections(browser: Browser, report: Path) -> None:

@@ -84,16 +84,6 @@ def test_reasons_belong_to_one_judgement():
         table_of([verdict(), {**verdict(run_index=1), "metrics": "{broken"}]).metrics("success")
 
 
-def test_table_in_row_groups_reads_as_whole(tmp_path):
-    rows = [verdict(NAMES[k % 3], k, reason=f"r{k % 4}", time=float(k)) for k in range(50)]
-    pq.write_table(pa.Table.from_pylist(rows, schema.VERDICTS), tmp_path / "v.parquet", row_group_size=7)
-    read = VerdictTable(
-        schema.read_columns(tmp_path / "v.parquet", "configuration", "oracle", "judgement", "reason"), NAMES
-    )
-    assert read.counts(None).tolist() == table_of(rows).counts(None).tolist()
-    assert read.metrics("success")["time"].values.tolist() == table_of(rows).metrics("success")["time"].values.tolist()
-
-
 def test_null_is_empty_text_or_nan():
     found, known = schema.codes(pa.chunked_array([["a", None], ["a", ""]]))
     assert [known[k] for k in found] == ["a", "", "a", ""]

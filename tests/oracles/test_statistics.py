@@ -48,25 +48,6 @@ def test_classify_takes_binomial_tails_and_adjusts_candidates_by_benjamini_and_h
     assert classes.classify([20, 0, 0, 2], [20, 0, 0, 2]).adjusted[0] == pytest.approx(given)
 
 
-SPREADS = ((0.2001, 0.5, 0.7999), (1, 1, 1)), ((0.0, 0.2001, 0.7999, 1.0), (1, 9, 9, 1)), ((0.0, 0.21, 1.0), (1, 2, 3))
-
-
-@each_row(("rates", "weights"), SPREADS)
-@each_row("runs", [20, 60])
-def test_classify_makes_few_wrong_claims_of_each_class(rates, weights, runs):
-    rng = np.random.default_rng(2)
-    campaigns, m = 200, 60
-    drawn = rng.choice(len(rates), (campaigns, m), p=np.array(weights) / sum(weights))
-    true = np.array([classes.CLAIMS[k] for k in classes.ClassBounds().of(np.array(rates))])
-    wrong = dict.fromkeys(classes.CLAIMS, 0.0)
-    for kinds in drawn:
-        names = np.array(classes.classify(rng.binomial(runs, np.array(rates)[kinds]), np.full(m, runs)).names)
-        for claim in classes.CLAIMS:
-            called = names == claim
-            wrong[claim] += float((called & (true[kinds] != claim)).sum() / max(called.sum(), 1))
-    assert max(wrong.values()) / campaigns <= 0.05 + 4 * (0.05 * 0.95 / campaigns) ** 0.5
-
-
 def test_runs_and_passes_that_show_classes_agree_with_tails():
     # 0.8^13 = 0.055, 0.8^14 = 0.044; 0.9^28 = 0.052, 0.9^29 = 0.047.
     assert classes.runs_for_a_claim() == {"systematic": 14, "flaky": 10, "reliable": 14}
@@ -100,10 +81,7 @@ def test_stopping_rule_decides():
     systematic, _, reliable = classes.StoppingRule(1, 400).thresholds
     assert reliable == pytest.approx(systematic)
     assert 2.8 < reliable <= math.log(20)
-    assert (classes.StoppingRule(2, 10).decidable, classes.StoppingRule(2, 20).decidable) == (
-        ("flaky",),
-        classes.CLAIMS,
-    )
+    assert [classes.StoppingRule(2, most).decidable for most in (10, 20)] == [("flaky",), classes.CLAIMS]
 
 
 def test_operating_characteristics_match_enumeration():
@@ -122,14 +100,7 @@ def test_operating_characteristics_match_enumeration():
         assert ours == pytest.approx([*ends.values(), runs])
 
 
-@each_row(
-    "rule",
-    [
-        classes.StoppingRule(),
-        classes.StoppingRule(5, 60),
-        classes.StoppingRule(1, 30, classes.ClassBounds(0.45, 0.55), 0.1),
-    ],
-)
+@each_row("rule", [classes.StoppingRule(), classes.StoppingRule(1, 30, classes.ClassBounds(0.45, 0.55), 0.1)])
 def test_stopping_rule_holds_its_error_at_all_success_rates(rule):
     assert rule.operating_characteristics(np.linspace(0, 1, 997)).wrong.max() <= rule.error
     assert 0.5 * rule.error < rule.worst_error <= rule.error
@@ -187,10 +158,8 @@ def test_difference_counts_paths_once_for_others_and_pairs_for_these():
     lost = pairs((0, 10, 0, 0), *[(10, 0, 0, 0)] * 3)
     for target, ends in (("others", binomtest(1, 4)), ("these", binomtest(10, 40))):
         found = difference(lost, target)
-        assert (found.difference, found.interval[0]) == (
-            -0.25,
-            pytest.approx(-ends.proportion_ci(0.95, "exact").high, abs=1e-6),
-        )
+        low = -ends.proportion_ci(0.95, "exact").high
+        assert (found.difference, found.interval[0]) == (-0.25, pytest.approx(low, abs=1e-6))
     # D = -1/4, deviations -7.5, 2.5, 2.5, 2.5: V = 4/3 · 75 / 1600 = 1/16, t with 3 degrees of freedom.
     found = difference(lost)
     assert (found.p_value, found.mcnemar) == (pytest.approx(2 * float(t.sf(1.0, 3))), pytest.approx(2 / 2**10))

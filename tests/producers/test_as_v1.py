@@ -103,12 +103,8 @@ def test_set_without_room_or_path_is_drawn_ten_times_and_then_rejected(narrow, w
 
 
 def test_obstacle_may_appear_where_the_robot_is(wide):
-    asked = {
-        "obstacle_configs": boxes(1, max_distance=0.0, side=0.5),
-        "spawn_trigger_point": "point",
-        "spawn_trigger_threshold": "threshold",
-        "trigger_distance": 0.1,
-    }
+    asked = {"obstacle_configs": boxes(1, max_distance=0.0, side=0.5), "trigger_distance": 0.1}
+    asked |= {"spawn_trigger_point": "point", "spawn_trigger_threshold": "threshold"}
     name = "ObstacleVariationWithDistanceTrigger"
     assert isinstance(evaluate(obstacles(name, **asked), wide)[0], Fragment)
     (constructive,) = evaluate(obstacles(name, placement="constructive", **asked), wide)

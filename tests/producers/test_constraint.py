@@ -8,8 +8,6 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec, Sample, TWay
 from vastflow.producers.constraints.constraint import place_inside
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.configuration import Fragment
-from vastflow.producers.model.producer import Parameters, Producer
 from vastflow.sim.model.faults import FileError
 
 T_WAY = DesignSpec(t_way=TWay(strength=2))
@@ -40,26 +38,6 @@ def test_exclusions_name_the_constraint_and_its_values():
     ]
     assert found.coverage["excluded_by"] == {"small": 1, "other": 1}
     assert [found.coverage[name] for name in ("requested", "excluded", "realised")] == [3, 2, 1]
-
-
-class Counting(Producer[Parameters]):
-    """Reads `a` and keeps count."""
-
-    Parameters = Parameters
-    reads = ("a",)
-    writes = {"c": None}  # noqa: RUF012
-    seen = []  # noqa: RUF012
-
-    def produce(self, inputs, draws):
-        self.seen.append(inputs["a"])
-        yield Fragment({"c": inputs["a"] * 10})
-
-
-@each_row("design", [CARTESIAN, T_WAY])
-def test_excluded_branch_skips_later_producers(design):
-    Counting.seen.clear()
-    grown(levels("a", 1, 2, 3), Counting(Parameters()), design=design, small="a < 3")
-    assert Counting.seen == [1, 2]
 
 
 def test_overwritten_key_is_checked_at_end():
@@ -195,11 +173,10 @@ def test_constraints_are_read_from_lists_mappings_and_the_campaign(load):
 
 
 def test_faults_of_constraints_and_designs_have_place_and_message(golden, load, tmp_path):
-    golden(
-        "campaign_files",
-        "constraints",
-        lambda text: [each.replace(f"{tmp_path}/", "") for each in faults_of(load, text)],
-    )
+    def faults(text):
+        return [each.replace(f"{tmp_path}/", "") for each in faults_of(load, text)]
+
+    golden("campaign_files", "constraints", faults)
 
 
 def test_place_inside_of_a_double_quoted_text_counts_its_escapes():

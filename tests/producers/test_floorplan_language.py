@@ -39,15 +39,12 @@ def changed(old, new, text=ROOM):
         " ".join(line.partition("//")[0] for line in EXAMPLE.splitlines()),
         re.sub(r"\s*:\s*", ":", ROOM),
         re.sub(r"\s*:\s*", "  :\n ", ROOM),
-        ROOM.replace(".0 m", "m"),
         ROOM.replace("4.0 m", "4e0").replace("3.0 m", "+3."),
         ROOM.replace("\n", "\r\n"),
         changed("wrt: world of: this", "of: this wrt: world"),
         changed("of: this", "of: this translation: rotation:"),
         changed("of: this", "of: this rotation: z: 30 deg translation: y: 1.0 m, x: 2.0 m"),
-        changed("of: this", "of: this not aligned"),
         ROOM + "// and nothing more",
-        "\ufeff".lstrip("\ufeff") + ROOM + DOOR,
     ],
 )
 def test_language_model_is_accepted_in_any_layout(text):
@@ -62,15 +59,10 @@ def test_parts_may_be_in_any_order():
     assert room(text, "b")[0][0] == 8
 
 
-@each_row("name", ["Space", "from"])
-def test_space_may_have_the_name_of_a_keyword(name):
-    outline = room(ROOM.replace("Space a", f"Space {name}"), name)
-    assert outline == ((-2, 1.5), (2, 1.5), (2, -1.5), (-2, -1.5))
-
-
-def test_world_is_the_world_even_where_a_space_has_that_name():
-    text = ROOM.replace("Space a", "Space world").replace("of: this", "of: this translation: x: 5.0 m")
-    assert room(text, "world")[0] == (3, 1.5)
+@each_row("name", ["Space", "from", "world"])
+def test_space_may_have_the_name_of_a_keyword_or_of_the_world(name):
+    text = ROOM.replace("Space a", f"Space {name}").replace("of: this", "of: this translation: x: 5.0 m")
+    assert room(text, name)[0] == (3, 1.5)
 
 
 def test_floor_plan_variable_is_length_or_angle():

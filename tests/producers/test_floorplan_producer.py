@@ -1,18 +1,14 @@
 """The producers of environments: which they yield, that they are kept whole, and what they reject."""
 
-import json
 import multiprocessing
 import shutil
 from pathlib import Path
 
 import pytest
+from families import made
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.catalog.floorplan import FloorplanGeneration, FloorplanVariation
-from vastflow.producers.catalog.one_of import OneOfVariation
-from vastflow.producers.floorplan import environment, files
-from vastflow.producers.floorplan.building import build
-from vastflow.producers.floorplan.environment import environments_folder, environments_in
+from vastflow.producers.floorplan.environment import environments_in
 from vastflow.producers.floorplan.files import PlanFile, read_variation_file
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.conformance import check_producer
@@ -41,13 +37,11 @@ def store(tmp_path):
 
 
 def generation(base, **parameters):
-    given = {"floorplans": ["test_floorplan_example.fpm"], **parameters}
-    return FloorplanGeneration(FloorplanGeneration.Parameters.model_validate(given, context={"base": base}))
+    return made("FloorplanGeneration", {"floorplans": ["test_floorplan_example.fpm"], **parameters}, base)
 
 
 def variation(base, **parameters):
-    given = {"variation_files": ["test_floorplan_example.variation"], **parameters}
-    return FloorplanVariation(FloorplanVariation.Parameters.model_validate(given, context={"base": base}))
+    return made("FloorplanVariation", {"variation_files": ["test_floorplan_example.variation"], **parameters}, base)
 
 
 def only(producer):
@@ -99,16 +93,6 @@ def test_variations_have_the_documented_numbers_and_the_seed_of_their_place(base
     assert [fragment.values["map_file"].digest for fragment in others] == maps[1:]
 
 
-def test_environment_has_all_files_and_provenance(base, store):
-    fragment = only(variation(base, seed=8))
-    (folder,) = store.iterdir()
-    assert Path(fragment.values["map_file"].path).parent == folder
-    names = {"map.yaml", "map.pgm", "mesh.stl", "floorplan.fpm", "provenance.json"}
-    assert {file.name for file in folder.iterdir()} == names
-    assert "// Seed 8" in (folder / "floorplan.fpm").read_text()
-    assert json.loads((folder / "provenance.json").read_text())["seed"] == 8
-
-
 def test_unbuildable_numbers_are_rejected_with_their_seed(base):
     text = (base / "test_floorplan_example.variation").read_text().replace("[0.7, 0.9, 1.1]", "[0.9, -5.0]")
     (base / "wide.variation").write_text(text)
@@ -135,11 +119,8 @@ def test_notes_on_drawn_plans_name_their_seeds(base):
         f"test_floorplan_example.fpm:40:14: warning: Entryway door: as drawn with seed {beside[0]} and in "
         f"{len(beside) - 1} more of the first 6 variations: it cuts nothing: it reaches from "
     )
-    alternatives = {
-        "variations": [{"FloorplanVariation": {"variation_files": [file.name], "num_variations": 6, "seed": 3}}]
-    }
-    one_of = OneOfVariation(OneOfVariation.Parameters.model_validate(alternatives, context={"base": base}))
-    assert one_of.notes == (note,)
+    child = {"FloorplanVariation": {"variation_files": [file.name], "num_variations": 6, "seed": 3}}
+    assert made("OneOfVariation", {"variations": [child]}, base).notes == (note,)
 
 
 def test_notes_of_drawn_plan_match_text(base):
@@ -154,20 +135,6 @@ def test_notes_of_drawn_plan_match_text(base):
 FAMILY = "  - {name: f%d, parameters: [start_pose: {x: 0, y: 2}, goal_pose: {x: 2, y: 2}], variations: [%s]}\n"
 
 
-def test_floor_plan_is_built_once_for_all_families(base, monkeypatch):
-    built = []
-    monkeypatch.setattr(files, "build", lambda *given: built.append(given) or build(*given))
-    (base / "other.fpm").write_text(
-        (base / "test_floorplan_example.fpm").read_text() + "\n"
-    )  # no cache knows this text
-    families = [FAMILY % (k, "FloorplanGeneration: {floorplans: [other.fpm]}") for k in range(20)]
-    names = ["test_floorplan_example.variation"] * 100
-    families += [FAMILY % (20, f"FloorplanVariation: {{variation_files: {names}}}")]
-    (base / "c.vast").write_text(f"version: 1\nconfiguration:\n{''.join(families)}execution: {{runs: 1}}\n")
-    load_campaign(base / "c.vast")
-    assert 2 <= len(built) <= 2 + 3  # as each is checked, and for its notes
-
-
 def test_campaign_reports_each_plan_warning_once(base):
     plan = base / "test_floorplan_example.fpm"
     plan.write_text(plan.read_text().replace("width=gap", "width=9.0 m"))
@@ -177,8 +144,8 @@ def test_campaign_reports_each_plan_warning_once(base):
     )
     (warning,) = [note for note in load_campaign(base / "c.vast").notes if note.place.file == plan.name]
     assert warning.problem.endswith("and is cut to that")
-    for made in (generation(base), variation(base)):
-        assert [str(note) for note in made.notes] == [str(warning)]
+    for producer in (generation(base), variation(base)):
+        assert [str(note) for note in producer.notes] == [str(warning)]
 
 
 def test_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):
@@ -196,8 +163,8 @@ def test_parameter_content_ignores_location_of_plan_files(base, tmp_path):
     moved.mkdir()
     for file in base.glob("test_floorplan_example.*"):
         shutil.copy(file, moved)
-    for made in (variation, generation):
-        assert content_of(made(base).parameters) == content_of(made(moved).parameters)
+    for producer in (variation, generation):
+        assert content_of(producer(base).parameters) == content_of(producer(moved).parameters)
     plan = moved / "test_floorplan_example.fpm"
     plan.write_text(plan.read_text().replace("height: 2.5 m", "height: 2.6 m"))
     assert content_of(variation(base).parameters) != content_of(variation(moved).parameters)
@@ -239,12 +206,3 @@ def test_environment_is_stored_once_and_recreated_when_damaged(base, store):
         again = only(generation(base)).values["map_file"]
         assert (again.path, map_content(again.path)) == (map_file.path, map_file)
         assert len(list(store.iterdir())) == 1
-
-
-def test_environments_are_kept_in_store_or_worker_folder(tmp_path, monkeypatch):
-    assert environments_folder() == tmp_path / "environments"
-    monkeypatch.setattr(environment, "_FOLDER", type(environment._FOLDER)("fresh", default=None))
-    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
-    assert environments_folder() == tmp_path / "store" / "environments"
-    monkeypatch.delenv("VASTFLOW_STORE")
-    assert environments_folder().parts[-2:] == ("store", "environments")

@@ -74,25 +74,6 @@ def test_angle_written_in_degrees_is_drawn_in_degrees():
     assert "var tilt = 45.0 deg" in variation("tilt : uniform([45])").sample(0).text
 
 
-def test_documented_attributes_can_be_varied():
-    items = """
-        corridor: { shape.width : uniform([5.5]) shape.length : uniform([2.5]) location.translation.y : uniform([1]) }
-        study.rail: { shape.length : uniform([0.2]) height : uniform([0.4]) }
-        study: { defaults.wall.thickness : uniform([0.25]) }
-        door: { shape.height : uniform([2.1]) location.translation.z : uniform([1.05]) }
-    """
-    building = built(variation(items).sample(0).text)
-    assert len(variation(items).varied) == 8
-    assert building.holes[0].top_m == pytest.approx(2.1)
-
-
-def test_normal_draw_of_legacy_generator_is_rounded():
-    rng = np.random.RandomState(3)
-    expected = [float(np.around(rng.normal(1.0, 0.5), 2)) for _ in range(2)]
-    items = "gap : normal(mean=1.0, std=0.5)\nstudy.post: { height : normal(mean=1.0, std=0.5) }"
-    assert list(variation(items).sample(3).values.values()) == expected
-
-
 def test_probabilities_that_add_up_to_one_but_for_rounding_are_accepted():
     assert variation("gap : discrete([(0.1, 1), (0.2, 2), (0.7, 3)])").sample(0).values["gap"] in (1, 2, 3)
 

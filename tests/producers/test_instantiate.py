@@ -3,27 +3,23 @@
 from collections.abc import Iterator
 
 import pytest
-from families import Campaign, made
+from families import Campaign, family, grown, levels, made
 from table import each_row
 
-from vastflow.producers.instantiation.instantiate import Family, growth_of, instantiate, instantiation_of
+from vastflow.producers.instantiation.instantiate import growth_of, instantiate, instantiation_of
 from vastflow.producers.model import producer as producer_module
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.producer import Producer, check_declared, evaluate
 from vastflow.sim.plug_ins.neighbors import PlugInError
 
 
-def family_of(*chain, name="rooms", values=None, dimensions=None):
-    producers = tuple(made(kind, parameters) for link in chain for kind, parameters in link.items())
-    return Family(name, values or {}, dimensions or {}, producers)
-
-
-def noise(*levels):
-    return {"ParameterVariationList": {"name": "noise", "values": list(levels)}}
-
-
 def paths(**parameters):
-    return {"PathVariationRandom": {"path_length": 5, "goal_poses": "@goal_pose", **parameters}}
+    return made("PathVariationRandom", {"path_length": 5, "goal_poses": "@goal_pose", **parameters})
+
+
+def obstacles(amount, **parameters):
+    placed = [{"amount": amount, "max_distance": 0.5}]
+    return made("ObstacleVariation", {"obstacle_configs": placed, "seed": 4, **parameters})
 
 
 def configurations(*families, **others):
@@ -35,14 +31,8 @@ class Picky(Producer[producer_module.Parameters]):
 
     Parameters = producer_module.Parameters
     evaluations = 0
-
-    @property
-    def reads(self):
-        return ("noise",)
-
-    @property
-    def writes(self):
-        return {"gain": "task"}
+    reads = ("noise",)
+    writes = {"gain": "task"}  # noqa: RUF012
 
     def produce(self, inputs, draws) -> Iterator[Fragment | Rejection]:
         type(self).evaluations += 1
@@ -66,29 +56,19 @@ def hall(drawn_map):
 
 
 def test_earliest_producer_is_outermost():
-    found = configurations(
-        family_of(noise(0.0, 0.1), {"ParameterVariationList": {"name": "loops", "values": [1, 2, 3]}})
-    )
+    found = configurations(family(levels("noise", 0.0, 0.1), levels("loops", 1, 2, 3)))
     assert [c.name for c in found] == [f"rooms-{i}-{k}" for i in (1, 2) for k in (1, 2, 3)]
     assert [(c.factors["noise"], c.factors["loops"]) for c in found] == [(n, k) for n in (0.0, 0.1) for k in (1, 2, 3)]
 
 
-def test_names_are_unique_over_alternatives():
-    found = configurations(family_of(noise(1, 2), {"OneOfVariation": {"variations": [noise(3, 4), noise(5)]}}))
-    assert len({c.name for c in found}) == len(found) == 6
-
-
 def test_producer_is_evaluated_once_per_distinct_input(picky):
-    with_loops = family_of(noise(1, 3), {"ParameterVariationList": {"name": "loops", "values": [1, 2, 3]}})
-    chain = Family("rooms", {}, {}, (*with_loops.producers, picky))
-    found = configurations(chain)
+    found = configurations(family(levels("noise", 1, 3), levels("loops", 1, 2, 3), picky))
     assert Picky.evaluations == 2
     assert len(found) == 2 * 3 * 2
 
 
 def test_rejections_use_no_number_and_name_parent(picky):
-    chain = Family("rooms", {}, {}, (*family_of(noise(1, 2, 0)).producers, picky))
-    found = instantiate(Campaign((chain,)))
+    found = grown(levels("noise", 1, 2, 0), picky)
     assert [c.name for c in found.configurations] == ["rooms-1-1", "rooms-1-2"]
     assert [(r.family, r.parent, r.producer, r.reason) for r in found.rejections] == [
         ("rooms", "rooms-1", "Picky", "first of three"),
@@ -100,7 +80,7 @@ def test_rejections_use_no_number_and_name_parent(picky):
 
 
 def test_steps_give_the_same_as_instantiate():
-    chain = family_of(noise(1, 2), noise(3))
+    chain = family(levels("noise", 1, 2), levels("noise", 3))
     growth = growth_of(chain)
     for step in chain.producers:
         inputs = growth.inputs()
@@ -111,8 +91,7 @@ def test_steps_give_the_same_as_instantiate():
 
 
 def test_provenance_and_steps_are_kept_beside_the_scenario(picky):
-    chain = Family("rooms", {"noise": 1}, {}, (picky,))
-    one, other = configurations(chain)
+    one, other = configurations(family(picky, values={"noise": 1}))
     assert (one.provenance, other.provenance) == ({}, {"_why": "odd"})
     assert [(step.producer, step.keys) for step in other.steps] == [("Picky", ("gain", "_why"))]
     assert "_why" not in other.factors
@@ -120,8 +99,8 @@ def test_provenance_and_steps_are_kept_beside_the_scenario(picky):
 
 
 def test_producer_and_the_file_tag_dimensions():
-    tagged = {"ParameterVariationList": {"name": "a", "values": [1], "dimension": "task"}}
-    (only,) = configurations(family_of(tagged, values={"b": 2, "c": 3}, dimensions={"b": "environment"}))
+    tagged = levels("a", 1, dimension="task")
+    (only,) = configurations(family(tagged, values={"b": 2, "c": 3}, dimensions={"b": "environment"}))
     assert (only.scenario.environment, only.scenario.task, only.scenario.system) == ({"b": 2}, {"a": 1}, {"c": 3})
 
 
@@ -137,12 +116,12 @@ GOAL = {"x": 1, "y": 1}
     ],
 )
 def test_mission_follows_from_the_goal(values, abstract, expected):
-    (only,) = configurations(family_of(values=values), abstract=abstract)
+    (only,) = configurations(family(values=values), abstract=abstract)
     assert only.scenario.abstract == expected
 
 
 def test_duplicates_are_found_across_families():
-    found = configurations(family_of(noise(1, 2, 1)), family_of(noise(2), name="again"))
+    found = configurations(family(levels("noise", 1, 2, 1)), family(levels("noise", 2), name="again"))
     assert [(c.name, c.duplicate_of) for c in found] == [
         ("rooms-1", None),
         ("rooms-2", None),
@@ -152,68 +131,33 @@ def test_duplicates_are_found_across_families():
 
 
 def test_empty_placements_are_duplicates(hall):
-    none = {"ObstacleVariation": {"obstacle_configs": [{"amount": 0, "max_distance": 0.3}], "count": 3}}
-    found = configurations(family_of(paths(), none, values={"map_file": hall}))
+    found = configurations(family(paths(), obstacles(0, count=3), values={"map_file": hall}))
     assert [c.duplicate_of for c in found] == [None, "rooms-1-1", "rooms-1-1"]
-
-
-def test_coverage_accounts_for_all_that_was_asked(picky):
-    chain = Family("rooms", {}, {}, (*family_of(noise(1, 2)).producers, picky))
-    found = instantiate(Campaign((chain, family_of(noise(1, 1), name="flat"))))
-    names = ("requested", "excluded", "unrealisable", "duplicate", "realised", "valid")
-    assert [found.coverage[name] for name in names] == [6, 0, 2, 1, 3, 5]
-    assert [found.coverage["families"]["rooms"][name] for name in names] == [4, 0, 2, 0, 2, 4]
-    assert [found.coverage["families"]["flat"][name] for name in names] == [2, 0, 0, 1, 1, 1]
-
-
-def test_impossible_request_leaves_the_rest_of_the_campaign(hall):
-    found = instantiate(Campaign((family_of(paths(path_length=[200, 5]), noise(1, 2), values={"map_file": hall}),)))
-    assert [c.name for c in found.configurations] == ["rooms-1-1", "rooms-1-2"]
-    assert ["200 m" in r.reason for r in found.rejections] == [True]
 
 
 def test_same_seed_gives_the_same_paths_and_obstacles_whatever_else_varies(hall):
     values = {"map_file": hall}
-    obstacles = {"ObstacleVariation": {"obstacle_configs": [{"amount": 3, "max_distance": 0.5}], "seed": 4}}
-    alone = configurations(family_of(paths(num_paths=2), obstacles, values=values))
-    after = configurations(family_of(noise(1, 2), paths(num_paths=2), obstacles, values=values))
-    before = configurations(
-        family_of(paths(num_paths=2), noise(1, 2, 3), obstacles, values={**values, "robot_radius": 0.2})
-    )
+    drawn, placed = paths(num_paths=2), obstacles(3)
+    alone = configurations(family(drawn, placed, values=values))
+    after = configurations(family(levels("noise", 1, 2), drawn, placed, values=values))
+    before = configurations(family(drawn, levels("noise", 1, 2, 3), placed, values={**values, "robot_radius": 0.2}))
     parts = [(c.scenario.task, c.scenario.environment) for c in alone]
     assert [(c.scenario.task, c.scenario.environment) for c in after] == parts * 2
     assert [(c.scenario.task, c.scenario.environment) for c in before] == [part for part in parts for _ in range(3)]
 
 
 def test_drawn_configuration_is_pinned(hall):
-    obstacles = {"ObstacleVariation": {"obstacle_configs": [{"amount": 2, "max_distance": 0.5}], "seed": 4}}
-    (only,) = configurations(family_of(paths(seed=42), obstacles, values={"map_file": hall}))
+    (only,) = configurations(family(paths(seed=42), obstacles(2), values={"map_file": hall}))
     assert only.scenario.digest == "d31ad8fdd3c288853e8416dede4b1a6b94e35915d3f36381090f2e157e2aef27"
 
 
-@each_row(
-    ("item", "tag", "message"),
-    [
-        ({"gain": 1}, None, r"Loose yields a dict; Fragment\(\{key: value\}\) or Rejection\(reason\)"),
-        (Fragment({"loss": 1}), None, "Loose writes 'loss', which it does not declare; every key in `writes`"),
-        (
-            Fragment({"gain": [{"spawn_pose": {"x": 1, "y": 1}}]}),
-            "task",
-            "Loose writes obstacles under 'gain' as task, where no simulator looks for them; environment",
-        ),
-    ],
-)
-def test_items_of_a_producer_are_checked(item, tag, message):
-    class Loose(Picky):
-        @property
-        def writes(self):
-            return {"gain": tag}
-
-        def produce(self, inputs, draws):
-            yield item
-
-    with pytest.raises(PlugInError, match=message):
-        evaluate(Loose(producer_module.Parameters()), {"noise": 1})
+def test_obstacles_are_written_to_the_environment():
+    boxes = Fragment({"gain": [{"spawn_pose": {"x": 1, "y": 1}}]})
+    loose = type("Loose", (Picky,), {"produce": lambda self, inputs, draws: iter([boxes])})
+    with pytest.raises(
+        PlugInError, match="Loose writes obstacles under 'gain' as task, where no simulator looks for them"
+    ):
+        evaluate(loose(producer_module.Parameters()), {"noise": 1})
 
 
 @each_row(

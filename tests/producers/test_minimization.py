@@ -48,12 +48,6 @@ def test_result_of_ddmin_is_minimal(reasons):
     assert not any(fails([other for other in left if other != each]) for each in left)
 
 
-def test_ddmin_asks_once_if_nothing_is_needed():
-    asked = []
-    assert ddmin(range(30), lambda kept: asked.append(kept) or True) == ()
-    assert asked == [()]
-
-
 @each_row("least", range(1, LEVELS + 1))
 def test_least_level_that_fails_is_found(least):
     assert least_level(lambda level: level >= least) == least

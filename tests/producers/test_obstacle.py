@@ -13,7 +13,7 @@ from walks import leaves_a_path
 
 from vastflow.producers.catalog.obstacle import ObstacleVariation
 from vastflow.producers.catalog.path import PathVariationRandom
-from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.configuration import Rejection
 from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate
 from vastflow.producers.places.ground import ground_of
@@ -49,6 +49,11 @@ def site(drawn_map):
     asked = PathVariationRandom.Parameters(path_length=9, num_goal_poses=2, seed=5, robot_diameter=0.5)
     (item,) = evaluate(PathVariationRandom(asked), {"map_file": content})
     return {"map_file": content, **item.values}
+
+
+@pytest.fixture(scope="module")
+def ground(drawn_map):
+    return ground_of(drawn_map(*["." * 35] * 35, resolution_m=0.1), 0.35)
 
 
 def corridor(drawn_map, half_meters_wide, y):
@@ -101,8 +106,7 @@ def test_obstacles_stand_free_near_the_path_and_leave_a_path(
     width=st.floats(0.02, 1.0),
 )
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_covered_cells_intersect_footprint(drawn_map, x, y, yaw, length, width):
-    ground = _open_ground(drawn_map)
+def test_covered_cells_intersect_footprint(ground, x, y, yaw, length, width):
     entry = {"spawn_pose": {"x": x, "y": y, "yaw": yaw}, "xacro_arguments": f"length:={length} width:={width}"}
     footprint = obstacle_of(entry).footprint()
     found = {tuple(cell) for cell in covered_cells(ground, footprint).tolist()}
@@ -113,12 +117,6 @@ def test_covered_cells_intersect_footprint(drawn_map, x, y, yaw, length, width):
             assert (row, column) not in found
         elif footprint.intersection(square).area > 1e-9:
             assert (row, column) in found
-
-
-def _open_ground(drawn_map, cache={}):  # noqa: B006 - one map for all examples
-    if not cache:
-        cache["ground"] = ground_of(drawn_map(*["." * 35] * 35, resolution_m=0.1), 0.35)
-    return cache["ground"]
 
 
 @given(st.lists(st.tuples(st.integers(0, 19), st.integers(0, 19)), min_size=1, max_size=6), st.integers(0, 6))
@@ -153,37 +151,6 @@ def test_listed_amounts_and_distances_are_combined_and_each_placed_count_times(s
     assert len(items) == 2 * 2 * 2 * 2
     per_m = math.floor(0.2 * site["_path_length"])
     assert [len(placed(item)) for item in items] == [1] * 8 + [1 + per_m] * 8
-
-
-def test_empty_placements_are_equal_fragments(site):
-    items = evaluate(obstacle_variation({"amount_per_m": 0, "max_distance": 0.3}, count=3), site)
-    requested = {"amount_per_m": 0.0, "max_distance": 0.3, "model": "box", "xacro_arguments": ""}
-    assert items == [
-        Fragment(
-            {
-                "static_objects": [],
-                "_obstacles": {"static_objects": []},
-                "_requested_static_objects": {**requested, "draw": draw},
-            }
-        )
-        for draw in (1, 2, 3)
-    ]
-
-
-def test_placements_are_independent_of_other_amounts(site):
-    few = evaluate(obstacle_variation({"amount_per_m": 0.2, "max_distance": 1}, count=2), site)
-    more = evaluate(obstacle_variation({"amount_per_m": [0.1, 0.2], "max_distance": 1}, count=3), site)
-    assert more[3:5] == few
-
-
-def test_entries_are_written_as_the_scenario_reads_them(site):
-    producer = obstacle_variation({"amount": 2, "max_distance": 1, "args": "width:=0.3"}, name="things")
-    (item,) = evaluate(producer, site)
-    entries = item.values["things"]
-    assert [entry["entity_name"] for entry in entries] == ["obstacle_0", "obstacle_1"]
-    assert {entry["model"] for entry in entries} == {"box"}
-    assert {entry["xacro_arguments"] for entry in entries} == {"width:=0.3"}
-    assert producer.writes == {"things": "environment"}
 
 
 def test_shortest_path_counts_without_a_drawn_one(drawn_map):
@@ -242,18 +209,6 @@ def test_listed_obstacles_stay(site):
     (item,) = evaluate(obstacle_variation({"amount": 2, "max_distance": 1}), {**site, "static_objects": [given_box]})
     assert item.values["static_objects"][0] == given_box
     assert [o.name for o in placed(item)] == ["obstacle_1", "obstacle_2", "obstacle_3"]
-
-
-def test_corridor_that_an_earlier_obstacle_narrows_is_not_closed(drawn_map):
-    inputs = corridor(drawn_map, 3, -1.3)
-    boxes = [{"spawn_pose": {"x": 5.0, "y": -1.65}, "xacro_arguments": "length:=9.0 width:=0.7"}]
-    # Of 1.5 m the earlier box leaves 0.8 m, and beside a cylinder of 0.5 m in it no robot passes.
-    producer = obstacle_variation(
-        {"amount": 1, "max_distance": 0.4, "model": "cylinder", "args": "radius:=0.25"}, count=2
-    )
-    items = evaluate(producer, {**inputs, "static_objects": boxes})
-    assert not any(abs(placed(item)[1].pose.x_m - 5.0) < 4.0 for item in items if isinstance(item, Fragment))
-    assert any(abs(placed(item)[0].pose.x_m - 5.0) < 4.0 for item in evaluate(producer, inputs))
 
 
 def test_obstacles_blocking_only_path_are_the_reason(drawn_map):

@@ -105,21 +105,6 @@ def test_search_without_confirmation_is_reported(drawn_map):
     assert "from 200 starts, nor proved impossible" in items[0].reason
 
 
-@each_row(
-    ("rows", "length"),
-    [
-        (["." * 14] * 3, 5.5),
-        (["".join("." if abs(i - j) <= 1 else "?" for j in range(14)) for i in range(14)], 5.5 * math.sqrt(2.0)),
-    ],
-)
-def test_way_from_end_to_end_of_a_corridor_is_found(drawn_map, rows, length):
-    """A robot takes a cell to each side, so twelve of fourteen are left of the middle line."""
-    corridor = drawn_map(*rows, resolution_m=0.5)
-    producer = path_variation(path_length=length, path_length_tolerance=1e-6, robot_diameter=0.3)
-    (item,) = evaluate(producer, {"map_file": corridor})
-    assert item.values["_path_length"] == pytest.approx(length)
-
-
 def test_unknown_space_is_no_place_to_be(drawn_map):
     content = drawn_map("????", "?..?", "?..?", "????", cells=40)
     occupancy = load_map(content.path)

@@ -154,11 +154,7 @@ def test_given_start_is_kept_or_written_and_is_the_only_one(hall):
         ({}, {"start_pose": "here"}, "start_pose: "),
         ({}, {"start_pose": {"x": 90, "y": 0}}, "the given start (90, 0) is no place for a robot 0.35 m across"),
         ({"raster_size": 90}, {}, "a raster of 90 m has 0 points for a robot 0.35 m across on this map; too few"),
-        (
-            {"raster_size": 0.05},
-            {},
-            "a raster of 0.05 m has 8064 points for a robot 0.35 m across on this map; at most 5000",
-        ),
+        ({"raster_size": 0.05}, {}, "has 8064 points for a robot 0.35 m across on this map; at most 5000"),
     ],
 )
 def test_impossible_raster_is_rejected_for_each_length(hall, parameters, inputs, reason):
@@ -171,12 +167,3 @@ def test_impossible_raster_is_rejected_for_each_length(hall, parameters, inputs,
 def test_raster_producers_keep_the_contract(hall, drawn_map):
     producer = rasterized(path_length=[3, 200], raster_size=1, num_goal_poses=2)
     check_producer(producer, [{"map_file": hall, "noise": 0.1}, {"map_file": drawn_map("..", cells=10)}])
-
-
-def test_pairs_of_a_large_building_take_seconds(shared_map, loops):
-    inputs = {"map_file": shared_map("university")}
-    producer = rasterized(path_length=20, path_length_tolerance=1, raster_size=4)
-    evaluate(rasterized(path_length=3, raster_size=30), inputs)  # the map is read and inflated once
-    items = []
-    assert loops(lambda: items.extend(split(evaluate(producer, inputs))[0]), 1) < 160
-    assert len(items) == 100

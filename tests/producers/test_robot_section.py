@@ -66,11 +66,6 @@ def test_robot_latency_combines_preset_and_overrides(family):
     assert "odometry at 30 Hz" in said
 
 
-def test_campaign_varies_latency_by_its_preset(family):
-    varied = family("{}", "[ParameterVariationList: {name: robot.latency.preset, values: [ideal, loaded]}]")
-    assert robots_json([varied])[0]["robot"][-1] == "varied: robot.latency.preset"
-
-
 def test_radius_is_the_bodys_and_leaves_the_costmaps_their_footprint(family):
     parameters = parameters_of(of_robot(family("{radius: 0.105}")))
     assert robot_of(parameters).radius_m == 0.105

@@ -80,11 +80,8 @@ def test_number_of_runs_is_refused_like_a_number_of_configurations(tmp_path):
         "at most 10,000,000, or 'execution: {max_runs: 20000000000}'"
     )
     found = load_campaign(campaign(tmp_path, UNIFORM % ("a", 20), execution="runs: 3"))
-    assert (found.runs_asked(None), found.runs_asked(500_000), found.runs_asked(10**6, sample=10)) == (
-        3,
-        500_000,
-        10**6,
-    )
+    assert [found.runs_asked(None), found.runs_asked(500_000)] == [3, 500_000]
+    assert found.runs_asked(10**6, sample=10) == 10**6
     with pytest.raises(FileError, match="asks for 10,000,020 runs, 500,001 of each configuration"):
         found.runs_asked(500_001)
 

@@ -117,7 +117,6 @@ def test_local_costmaps_footprint_counts(made, more, free):
     ("radius", "padding", "more", "yaw", "free"),
     [
         (0.2, 0.0, "", 0.0, True),
-        (0.3, 0.0, "", 0.0, False),
         (0.2, 0.1, "", 0.0, False),
         (0.2, 0.0, 'footprint: "[[.2, .4], [.2, -.4], [-.2, -.4], [-.2, .4]]"', 0.0, True),
         (0.2, 0.0, 'footprint: "[[.2, .4], [.2, -.4], [-.2, -.4], [-.2, .4]]"', math.pi / 2, False),
@@ -224,20 +223,12 @@ def test_room_is_that_of_the_largest_outline():
     assert room_m({"robot_radius": "0.4", "footprint_padding": 0.0}, []) == pytest.approx(0.4)
 
 
-def test_obstacles_leave_the_robots_own_room_at_its_stops(made, room):
+def test_obstacles_leave_the_robots_own_room_at_its_stops(made):
     """`robot_diameter` of 0.2 m alone would let a box stand 0.15 m from the start."""
     boxes = "  - ObstacleVariation: {obstacle_configs: [{amount: 3, max_distance: 0.5, args: 'width:=0.3'}], robot_diameter: 0.2, placement: constructive}\n"
     found = made(PATHS.format(seed=5) + boxes)
     assert [r.reason for r in found.rejections if r.producer == "start_check"] == []
     assert len(found.configurations) > 20
-    loose = made("  start_check: none\n" + PATHS.format(seed=5) + boxes)
-    nearest = min(
-        math.dist((start.x_m, start.y_m), tuple(o["spawn_pose"]["position"].values())[:2])
-        for c in loose.configurations
-        for start in stops(c)[:1]
-        for o in c.scenario.environment["static_objects"]
-    )
-    assert nearest < DISC_M + 0.22
 
 
 @each_row("start", [(9.3, 2.0), (-1.4, 2.0), (1e9, 100.0)])
