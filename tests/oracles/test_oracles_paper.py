@@ -5,8 +5,7 @@ import json
 import pytest
 from paper_page import main, paper_page
 from paper_published import ALL_RUNS, PUBLISHED
-from paper_results import NotThePapers, Requested, paper_results, requested_of
-from paper_starts import Begun, Starts, starts_of
+from paper_results import Begun, NotThePapers, Requested, Starts, paper_results, requested_of, starts_of
 from table import each_row
 
 from vastflow.oracles.statistics.intervals import Counts

@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 
-import gate
 import numpy as np
 import planted_truths
 import pytest
@@ -13,18 +12,13 @@ pytestmark = pytest.mark.slow
 
 
 PARTS = {"classes": 150, "factors": 40, "lengths": 40, "rare": 40, "stopping": 60, "comparison": 150}
+PARTS |= {"gate_others": 60, "gate_these": 100}
 
 
 @pytest.mark.parametrize(("part", "campaigns"), PARTS.items())
 def test_planted_truths_are_found(part, campaigns):
     findings = list(getattr(planted_truths, part)(campaigns, np.random.default_rng(12)))
     assert findings
-    assert [str(finding) for finding in findings if not finding.good] == []
-
-
-@pytest.mark.parametrize(("part", "campaigns"), [("others", 60), ("these", 100)])
-def test_gate_passes_losses_as_rarely_as_stated(part, campaigns):
-    findings = list(getattr(gate, part)(campaigns, np.random.default_rng(18)))
     assert [str(finding) for finding in findings if not finding.good] == []
 
 
@@ -49,7 +43,7 @@ def test_report_of_2400_runs_stays_small(synthetic_campaign, room, build):
     task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
     rng = np.random.default_rng(7)
     for k in range(240):
-        ways = np.linspace((1.0, 2.0), (5.0, 2.0), 600) + rng.normal(0.0, 0.02, (10, 600, 2))
+        ways = np.linspace((1.0, 2.0), (5.0, 2.0), 200) + rng.normal(0.0, 0.02, (10, 200, 2))
         outcomes = np.where(np.arange(10) < k % 12, "aborted", "succeeded").tolist()
         synthetic_campaign.add(
             f"room-{k}",
@@ -58,7 +52,7 @@ def test_report_of_2400_runs_stays_small(synthetic_campaign, room, build):
             task,
             recordings=[build.a_recording(ways[i], run_index=i, outcome=outcomes[i]) for i in range(10)],
             factors={"noise": k % 4, "drop": k % 5},
-            provenance={"_path": ways[0, ::50].tolist(), "_path_length": 4.0},
+            provenance={"_path": ways[0, ::20].tolist(), "_path_length": 4.0},
             oracles=[(name, {}) for name in ("success", "performance", "robustness", "safety")],
         )
     directory = synthetic_campaign.write()
