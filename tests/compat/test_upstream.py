@@ -5,6 +5,7 @@ is better than that fails nothing; one that got worse does.
 """
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -26,10 +27,10 @@ pytestmark = [
 def rows(tmp_path_factory):
     sys.path.insert(0, str(Path(__file__).parent))
     try:
-        from rows import Trial, copied, rows_of
+        from rows import Trial, rows_of
     finally:
         sys.path.pop(0)
-    folder = copied(UPSTREAM, tmp_path_factory.mktemp("upstream"))
+    folder = shutil.copytree(UPSTREAM, tmp_path_factory.mktemp("upstream") / UPSTREAM.name)
     return {row.file: row for row in rows_of(folder, Trial(sample=2))}
 
 

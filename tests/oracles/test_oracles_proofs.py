@@ -22,12 +22,6 @@ def test_planted_truths_are_found(part, campaigns):
     assert [str(finding) for finding in findings if not finding.good] == []
 
 
-def test_finding_beyond_stated_rate_is_not_good():
-    assert not planted_truths.Finding("wrong", 20, 100, most=0.05).good
-    assert not planted_truths.Finding("found", 60, 100, least=0.9).good
-    assert planted_truths.Finding("wrong", 7, 100, most=0.05).good
-
-
 REPORT = """
 import pathlib, sys
 from vastflow.oracles.page.report import write_report

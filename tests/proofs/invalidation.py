@@ -61,13 +61,6 @@ def renamed_picture(bed: Bed) -> None:
     bed.replace("maps/room.yaml", "room.pgm", "cellar.pgm")
 
 
-def copied_verdicts(bed: Bed) -> None:
-    """The folder of one block's verdicts lies in another's place."""
-    one, other, *_ = sorted((bed.folder / "store" / "judge").glob("*/*"))
-    shutil.rmtree(one)
-    shutil.copytree(other, one)
-
-
 def swap(name: str, old: str, new: str) -> Edit:
     """Replace a text in a file of the campaign, or of vastflow where its name begins so."""
     return lambda bed: replaced(bed.path(name), old, new)
@@ -170,13 +163,11 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
     "the version of numba": (option("--version=numba=99.0"), executed(RUNS, 1)),
     "vastflow: code of the observing": (code("oracles/observation/observe.py"), {**NOTHING, "observed": BLOCKS}),
     "vastflow: code of the judging": (code("oracles/judgement/judge.py"), JUDGED),
-    "vastflow: what every oracle extends": (code("oracles/judgement/oracle.py"), JUDGED),
     "vastflow: what every producer extends": (code("producers/model/producer.py"), EVALUATED),
     "a damaged artifact": (
         lambda bed: next((bed.folder / "store" / "judge").glob("*/*/verdicts.json")).write_text("[]"),
         ONE_BLOCK,
     ),
-    "a copy of another artifact": (copied_verdicts, ONE_BLOCK),
 }
 
 ROBOT: Final[Mapping[str, tuple[Edit, Counts]]] = {
@@ -185,7 +176,6 @@ ROBOT: Final[Mapping[str, tuple[Edit, Counts]]] = {
         swap("vastflow/sim/nav2/parameters/amcl.py", "must be <=", "has to be at most"),
         KEPT,
     ),
-    "a hint in other words": (swap("vastflow/sim/model/names.py", "did you", "do you"), KEPT),
     "its Nav2 file: a comment": (add("nav2.yaml"), KEPT),
     "its Nav2 file: a default value written out": (swap("nav2.yaml", "alpha1: 0.3", "alpha1: 0.3, alpha2: 0.2"), KEPT),
     "its Nav2 file: a node that is not simulated": (add("nav2.yaml", "other:\n  ros__parameters: {rate: 3}\n"), KEPT),

@@ -145,13 +145,11 @@ def attack(content: bytes, rng: random.Random) -> bytes:
         b"",
         deep,
         content + b"\n" + deep,
-        b"a: " + deep,
         b"\n".join(b"%*sa:" % (k % 1500, b"") for k in range(min(n, 1500))),
         b"\n".join(b"%*sserial:" % (4 * k, b"") for k in range(min(n, 600))),
         ("a0: &a0 [x]\n" + "".join(f"a{k}: &a{k} [{nines % ((k - 1,) * 9)}]\n" for k in range(1, 30))).encode(),
         b"a0: &a0 {x: 1}\n" + b"".join(b"a%d: &a%d {<<: [*a%d, *a%d]}\n" % (k, k, k - 1, k - 1) for k in range(1, 40)),
         b"a: &a [*a]\n" + content,
-        b"\n" * n + content,
         content.replace(b" ", b"\xc2\xa0"),
         content.decode("latin-1").encode("utf-16"),
         content * min(n // max(len(content), 1) + 1, 400),
@@ -225,16 +223,6 @@ execution:
   env: [{A: b}]
 evaluation:
   oracles: [performance, {safety: {}}, {../campaigns/notebook/lost.ipynb: {}}]
-""",
-    "plans.vast": """
-version: 1
-configuration:
-  - name: plans
-    parameters: [{start_pose: {position: {x: 1, y: 1}, orientation: {yaw: 0}}}, {goal_pose: {x: 2, y: 1, yaw: 0}}]
-    variations:
-      - FloorplanVariation: {variation_files: [test_floorplan_example.variation], num_variations: 1, seed: 1}
-      - ParameterVariationList: {name: [laser_scan_gaussian_noise_std, robot_radius], values: [[0.1, 0.2], [0.2, 0.3]]}
-execution: {runs: 1, scenario_file: "builtin:navigate_to_pose"}
 """,
     "map.yaml": "image: map.pgm\nmode: trinary\nresolution: 0.05\norigin: [-1.0, -1.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n",
     "scale.yaml": "{image: map.png, mode: scale, resolution: 5e-2, origin: [0, 0], negate: true, occupied_thresh: .8, free_thresh: .1}\n",
