@@ -1,17 +1,19 @@
 """Read and execute files that others wrote, and describe each in a row."""
 
 import math
-import shutil
 import statistics
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
+import numpy as np
 import yaml
+from PIL import Image
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.oracles.judgement.judge import judge_block
@@ -24,7 +26,6 @@ from vastflow.producers.campaign_file.scenario import run_files
 from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.rendering import render
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.faults import Fault, FileError, ScenarioError, complaint
@@ -159,7 +160,10 @@ def _campaign(file: Path, trial: Trial) -> Made:
     made = instantiate(campaign)
     distinct = [each for each in made.configurations if each.duplicate_of is None]
     step = 1 if trial.sample is None else math.ceil(len(distinct) / trial.sample) or 1  # at equal distances
-    reason, counts = _told(_executed(distinct[::step], oracles, campaign.seed, trial))
+    wanted = [(each.scenario, run) for each in distinct[::step] for run in range(trial.runs)]
+    with ProcessPoolExecutor(trial.workers) as pool:
+        runs = list(pool.map(partial(_run, oracles=oracles, seed=campaign.seed), *zip(*wanted, strict=True)))
+    reason, counts = _told(runs)
     steps = steps_of(campaign.spec.results_processing.postprocessing)
     undone = [complaint for step in steps if (complaint := step.complaint(file.parent))]
     missing = [_short(faults[0], file) for faults in campaign.unavailable.values()]
@@ -181,7 +185,7 @@ def _scenario(file: Path, trial: Trial) -> Made:
                 values[parameter.name] = _made_up(parameter)
         setup = ProcessSetup(run_files(file.parent, ["files/**"]))
         scenario = scenario_of(values, {}, abstract=content, timeout_s=SCENARIO_TIMEOUT_S, programs=setup)
-        return "ran", *_told([_run(scenario, oracles_of([], file.parent), 0, 0)])
+        return "ran", *_told([_run(scenario, 0, oracles=oracles_of([], file.parent), seed=0)])
 
 
 def _floor_plan(file: Path, trial: Trial) -> Made:
@@ -215,18 +219,7 @@ _MAKERS: Final[Mapping[Kind, Callable[[Path, Trial], Made]]] = {
 }
 
 
-def _executed(
-    configurations: Sequence[Configuration], oracles: Sequence[Oracle[Any]], seed: int, trial: Trial
-) -> list[Ran]:
-    wanted = [(each.scenario, run) for each in configurations for run in range(trial.runs)]
-    if trial.workers == 1:
-        return [_run(scenario, oracles, run, seed) for scenario, run in wanted]
-    with ProcessPoolExecutor(trial.workers) as pool:
-        running: list[Future[Ran]] = [pool.submit(_run, scenario, oracles, run, seed) for scenario, run in wanted]
-        return [future.result() for future in running]
-
-
-def _run(scenario: Scenario, oracles: Sequence[Oracle[Any]], run_index: int, seed: int) -> Ran:
+def _run(scenario: Scenario, run_index: int, *, oracles: Sequence[Oracle[Any]], seed: int) -> Ran:
     """Execute, observe and judge one run."""
     try:
         sent = bool(script_of(scenario).goals)
@@ -248,10 +241,8 @@ PLACES: Final = [(-1.0, 0.0), (1.5, 1.0), (3.0, -1.0), (0.0, -2.0), (-3.0, 2.0),
 
 def _room(folder: Path) -> Path:
     """A map of an empty room round the origin."""
-    width, height = (round(length_m / RESOLUTION_M) for length_m in ROOM_M)
-    inside = range(2, width - 2)
-    cells = bytes(254 if x in inside and 2 <= y < height - 2 else 0 for y in range(height) for x in range(width))
-    (folder / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (width, height) + cells)
+    cells = np.pad(np.full([round(length_m / RESOLUTION_M) - 4 for length_m in ROOM_M[::-1]], 254, dtype=np.uint8), 2)
+    Image.fromarray(cells).save(folder / "room.pgm")
     origin = [-ROOM_M[0] / 2, -ROOM_M[1] / 2, 0.0]
     (folder / "room.yaml").write_text(f"{{image: room.pgm, resolution: {RESOLUTION_M}, origin: {origin}}}\n")
     return folder / "room.yaml"
@@ -289,8 +280,3 @@ def _first(reasons: Iterable[str]) -> str:
 
 def _line(error: BaseException) -> str:
     return " ".join(str(error).split())[:300]
-
-
-def copied(folder: Path, to: Path) -> Path:
-    """A copy of a folder, in which programs and caches may write."""
-    return Path(shutil.copytree(folder, to / folder.name))

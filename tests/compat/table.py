@@ -4,7 +4,7 @@ Campaigns are instantiated and their runs executed in this process and its worke
 scenario file alone is executed once in an empty room with values made up for its parameters; a floor plan becomes a map, a
 variation two plans. Nothing is written into the folder: its files are copied first.
 
-    python tests/compat/table.py FOLDER [--runs N] [--sample N] [--workers N] [--json] [--markdown]
+    python tests/compat/table.py FOLDER [--runs N] [--sample N] [--workers N] [--json]
 
 `--sample N` tries N configurations of a campaign, else all. Exit code 0 whatever the table says.
 """
@@ -12,13 +12,13 @@ variation two plans. Nothing is written into the folder: its files are copied fi
 import argparse
 import json
 import os
-import sys
+import shutil
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
-from rows import Row, Trial, copied, rows_of  # beside this script
+from rows import Row, Trial, rows_of  # beside this script
 
 HEADER = ("file", "kind", "result", "configurations", "runs", "drove 1 m", "median m", "passed", "broken", "why")
 
@@ -34,17 +34,15 @@ def cells(row: Row) -> list[str]:
     ]
 
 
-def text(rows: Iterable[Row], markdown: bool) -> str:
-    """The table for a terminal, or for a page."""
-    lines: list[Sequence[str]] = [HEADER, *map(cells, rows)]
-    if markdown:
-        head, *body = ("| " + " | ".join(cell.replace("|", "/") for cell in line) + " |" for line in lines)
-        return "\n".join([head, "|---" * len(HEADER) + "|", *body])
-    widths = [max(len(line[k]) for line in lines) for k in range(len(HEADER) - 1)]
-    return "\n".join("  ".join([*(c.ljust(w) for c, w in zip(line, widths, strict=False)), line[-1]]) for line in lines)
+def text(rows: Iterable[Row]) -> str:
+    """The table for a page."""
+    head, *body = (
+        "| " + " | ".join(cell.replace("|", "/") for cell in line) + " |" for line in (HEADER, *map(cells, rows))
+    )
+    return "\n".join([head, "|---" * len(HEADER) + "|", *body])
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> None:
     """Print the table of a folder."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
@@ -52,15 +50,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sample", type=int)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--markdown", action="store_true")
-    asked = parser.parse_args(arguments)
+    asked = parser.parse_args()
     if not asked.folder.is_dir():
         parser.error(f"{asked.folder}: no such folder")
     with tempfile.TemporaryDirectory(prefix="vastflow-") as aside:
-        found = list(rows_of(copied(asked.folder, Path(aside)), Trial(asked.runs, asked.sample, asked.workers)))
-    print(json.dumps([asdict(row) for row in found], indent=1) if asked.json else text(found, asked.markdown))
-    return 0
+        folder = Path(
+            shutil.copytree(asked.folder, Path(aside, asked.folder.name))
+        )  # programs and caches may write there
+        found = list(rows_of(folder, Trial(asked.runs, asked.sample, asked.workers)))
+    print(json.dumps([asdict(row) for row in found], indent=1) if asked.json else text(found))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

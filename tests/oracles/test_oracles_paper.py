@@ -5,8 +5,7 @@ import json
 import pytest
 from paper_page import paper_page
 from paper_published import ALL_RUNS, PUBLISHED
-from paper_results import Requested, paper_results, requested_of
-from paper_starts import Begun, Starts
+from paper_results import Begun, Requested, Starts, paper_results, requested_of
 from table import each_row
 
 from vastflow.oracles.statistics.intervals import Counts

@@ -186,14 +186,14 @@ def main() -> int:
             ]
             errors = pd.concat([each for each, _ in runs]).abs()
             position_m, particles = errors.position_m, np.concatenate([counts for _, counts in runs])
-            row = {
-                "map": file.stem,
-                "scan": condition.name,
-                "mean": position_m.mean(),
-                "p95": position_m.quantile(0.95),
+            mean = errors.mean()
+            row = {"map": file.stem, "scan": condition.name, "mean": mean.position_m, "p95": position_m.quantile(0.95)}
+            row |= {
+                "max": position_m.max(),
+                "yaw": f"{mean.yaw_rad:.3f}",
+                "along": mean.along_m,
+                "across": mean.across_m,
             }
-            row |= {"max": position_m.max(), "yaw": f"{errors.yaw_rad.mean():.3f}"}
-            row |= {"along": errors.along_m.mean(), "across": errors.across_m.mean()}
             row |= {"particles": f"{particles.mean():.0f}"}
             row |= {f"p{q} of them": f"{np.percentile(particles, q):.0f}" for q in (5, 95)}
             rows.append(row)

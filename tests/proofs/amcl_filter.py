@@ -6,10 +6,11 @@ import numpy as np
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_dtype, record_of
-from vastflow.sim.kernels.streams import SUBSYSTEMS, streams_of
+from vastflow.sim.kernels.streams import streams_of
 from vastflow.sim.nav2.amcl import localization
 from vastflow.sim.nav2.amcl.particles import new_cloud, points_for
 from vastflow.sim.nav2.amcl.sensor import likelihood_cubed, usable_range_m, weigh
+from vastflow.sim.nav2.navigator.state import MEMORY
 from vastflow.sim.nav2.parameters.amcl import AmclParameters
 
 PARAMETERS = np.dtype(
@@ -18,16 +19,6 @@ PARAMETERS = np.dtype(
     + [(name, np.float64) for name in ("range_min", "range_max", "mount_x", "mount_y")],
     align=True,
 )
-WHOLE = ("first_scan", "particles", "bins", "localized", "filter_updates")
-POSES = ("", "odom_", "scan_odom_", "filter_odom_", "map_odom_")
-MEMORY = np.dtype(
-    [(name, np.int64) for name in WHOLE]
-    + [(f"{pose}{axis}", np.float64) for pose in POSES for axis in ("x", "y", "yaw")]
-    + [(name, np.float64) for name in ("pose_xx", "pose_xy", "pose_yy", "pose_aa")]
-    + [("streams", np.uint64, (SUBSYSTEMS, 1))],
-    align=True,
-)
-"""The part of the closed loop's records that localization reads and writes."""
 
 
 @njit

@@ -5,17 +5,18 @@ log-uniform from 1 to 20, with a mean of a second; a family has those of one siz
 that many slots without a gap, divided by the time that they took.
 """
 
-import argparse
-import functools
 import json
 import random
-import subprocess
-import sys
 import tempfile
 import time
 from concurrent.futures import Future
+from contextlib import closing
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
+from distributed.deploy.subprocess import SubprocessCluster
+from missions import parser_of
 
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.engine.dask_cluster import DaskCluster
@@ -40,50 +41,32 @@ def durations_s(slots: int, ideal_s: float) -> list[float]:
 
 def measured(slots: int, ideal_s: float, folder: Path) -> dict[str, Any]:
     """Return what a cluster of this many slots took for the units."""
-    file = folder / f"scheduler-{slots}.json"
-    dask = [sys.executable, "-m", "dask"]
-    common = ["--scheduler-file", str(file), "--no-dashboard"]
     workers = next(each for each in range(MOST_PROCESSES, 0, -1) if slots % each == 0)
-    threads = ["--nworkers", str(workers), "--nthreads", str(slots // workers), "--memory-limit", "0"]
-    quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    processes = [subprocess.Popen([*dask, "scheduler", "--port", "0", *common], **quiet)]
-    processes.append(subprocess.Popen([*dask, "worker", *threads, *common], **quiet))
-    deadline_s = time.monotonic() + START_S
-    while not file.exists() and time.monotonic() < deadline_s:
-        time.sleep(0.1)
-    local = Pool(1)
-    cluster = DaskCluster(str(file), open_store(folder / "store"), local, print)
-    try:
+    threads = {"n_workers": workers, "threads_per_worker": slots // workers, "worker_kwargs": {"memory_limit": 0}}
+    with (
+        SubprocessCluster(**threads, dashboard_address=None) as processes,
+        closing(DaskCluster(processes.scheduler_address, open_store(folder / "store"), Pool(1), print)) as cluster,
+    ):
         cluster.submit(time.sleep, 0.0, priority=Priority.EXECUTE).result(START_S)
-        while cluster.workers < slots and time.monotonic() < deadline_s:
-            time.sleep(0.1)
         sleeps_s = durations_s(slots, ideal_s)
         began_s, before_s = time.monotonic(), time.process_time()
-        done: list[Future[Any]] = []
 
         def submit(configuration: ConfigurationRuns, start: int, stop: int) -> "Future[Any]":
             sleep_s = float(configuration.name)
-            done.append(cluster.submit(time.sleep, sleep_s, priority=Priority.EXECUTE))
-            done[-1].add_done_callback(lambda _: feeder.took(configuration.family, 1, sleep_s))
-            return done[-1]
+            done = cluster.submit(time.sleep, sleep_s, priority=Priority.EXECUTE)
+            done.add_done_callback(lambda _: feeder.took(configuration.family, 1, sleep_s))
+            return done
 
         feeder = Feeder(lambda: cluster.workers, submit)
         nothing = Scenario("builtin:navigate_to_pose", 1.0, {}, {}, {})
-        size = functools.partial(round, ndigits=0)
         wanted = [
-            (ConfigurationRuns(repr(each), f"{size(SIZES * each / max(sleeps_s))}", 1, nothing, 1), [0])
+            (ConfigurationRuns(repr(each), f"{SIZES * each / max(sleeps_s):.0f}", 1, nothing, 1), [0])
             for each in sleeps_s
         ]
         for units in feeder.add(wanted):
             for unit in units.wait():
                 unit.future.result()
         wall_s, cpu_s = time.monotonic() - began_s, time.process_time() - before_s
-    finally:
-        cluster.close()
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.wait(30)
     return {
         "slots": slots,
         "units": len(sleeps_s),
@@ -94,21 +77,14 @@ def measured(slots: int, ideal_s: float, folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--slots", type=int, nargs="+", default=[10, 20, 50, 100])
-    parser.add_argument(
-        "--seconds", type=float, default=30.0, help="time that all units of a cluster take without a gap"
-    )
+    parser.add_argument("--seconds", type=float, default=30.0, help="time that all units take without a gap")
     parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="vastflow-cluster-") as folder:
-        found = []
-        for slots in asked.slots:
-            found.append(measured(slots, asked.seconds, Path(folder)))
-            if not asked.json:
-                print(", ".join(f"{name} {value}" for name, value in found[-1].items()), flush=True)
-    if asked.json:
-        print(json.dumps(found))
+        found = [measured(slots, asked.seconds, Path(folder)) for slots in asked.slots]
+    print(json.dumps(found) if asked.json else pd.DataFrame(found).to_string(index=False))
 
 
 if __name__ == "__main__":

@@ -134,13 +134,10 @@ def _executed_s(results: Path) -> float:
 def _task_runs(home: Path) -> dict[str, int]:
     """Return the number of task runs in Prefect's database, and of those in a final state."""
     database = home / "prefect.db"
-    if not database.exists():
-        return {"task_runs": 0, "task_runs_final": 0}
     with sqlite3.connect(f"file:{database}?mode=ro", uri=True) as connection:
-        (every,) = connection.execute("SELECT count(*) FROM task_run").fetchone()
-        final = "SELECT count(*) FROM task_run WHERE state_type IN ('COMPLETED', 'FAILED', 'CRASHED', 'CANCELLED')"
-        (ended,) = connection.execute(final).fetchone()
-    return {"task_runs": every, "task_runs_final": ended}
+        final = "state_type IN ('COMPLETED', 'FAILED', 'CRASHED', 'CANCELLED')"
+        (row,) = connection.execute(f"SELECT count(*), coalesce(sum({final}), 0) FROM task_run")
+    return dict(zip(("task_runs", "task_runs_final"), row, strict=True))
 
 
 def main() -> None:

@@ -114,16 +114,8 @@ class _Course:
         self.loop(0, self.routes[0]).advance()
 
     def loop(self, index: int, route: Route) -> ClosedLoop:
-        loop = ClosedLoop(
-            self.prepared,
-            self.parameters,
-            Lidar(),
-            Robot(),
-            route.start,
-            (),
-            run_entropy(MAP_SEED, "0", index),
-            TIMEOUT_S,
-        )
+        entropy = run_entropy(MAP_SEED, "0", index)
+        loop = ClosedLoop(self.prepared, self.parameters, Lidar(), Robot(), route.start, (), entropy, TIMEOUT_S)
         loop.localize(route.start)
         loop.navigate(route.mission)
         return loop
@@ -131,11 +123,9 @@ class _Course:
     def measured(self) -> dict[str, Any]:
         began = time.process_time()
         given = self.prepared, self.parameters, Lidar(), Robot()
-        routes = [
-            (route.start, route.mission, (), run_entropy(MAP_SEED, "0", index), TIMEOUT_S)
-            for index, route in enumerate(self.routes)
-        ]
-        runs = [drive(*given, *route).run for route in routes]
+        entropies = [run_entropy(MAP_SEED, "0", index) for index in range(ROUTES)]
+        routes = [(route.start, route.mission) for route in self.routes]
+        runs = [drive(*given, *route, (), each, TIMEOUT_S).run for route, each in zip(routes, entropies, strict=True)]
         cpu_s = time.process_time() - began
         simulated_s = sum(run.simulated_s for run in runs)
         began = time.process_time()

@@ -55,6 +55,21 @@ execution:
   runs: 2
 """
 
+LOOK: Final = 'files = ["look.txt"]\nmetrics = {"look": "1"}\nlook = int(open("look.txt").read())'
+SAY: Final = 'verdicts = [{"run_index": i, "judgement": "pass", "look": look} for i in runs["run_index"].to_pylist()]'
+CELLS: Final = (
+    ("markdown", {}, "Looks."),
+    ("code", {"tags": ["parameters"]}, "most = 3"),
+    ("code", {}, LOOK),
+    ("code", {}, SAY),
+)
+NOTEBOOK: Final = {
+    "nbformat": 4,
+    "nbformat_minor": 5,
+    "metadata": {},
+    "cells": [{"cell_type": kind, "metadata": of, "outputs": [], "source": source} for kind, of, source in CELLS],
+}
+
 FILES: Final[Mapping[str, str]] = {
     "x.vast": VAST,
     "driven.vast": DRIVEN,
@@ -136,33 +151,9 @@ class Judge(Oracle[JudgeParameters]):
     "lib/__init__.py": "",
     "lib/deep.py": "from .deeper import DEEP\n\nLOWEST = DEEP\n",
     "lib/deeper.py": "DEEP = 1\n",
-    "lib/unused.py": "UNUSED = 1\n",
     "data/table.txt": "1",
-    "unused.txt": "1",
     "look.txt": "1",
-    "look.ipynb": json.dumps(
-        {
-            "nbformat": 4,
-            "nbformat_minor": 5,
-            "metadata": {},
-            "cells": [
-                {"cell_type": "markdown", "metadata": {}, "source": "Looks."},
-                {"cell_type": "code", "metadata": {"tags": ["parameters"]}, "outputs": [], "source": "most = 3"},
-                {
-                    "cell_type": "code",
-                    "metadata": {},
-                    "outputs": [],
-                    "source": 'files = ["look.txt"]\nmetrics = {"look": "1"}\nlook = int(open("look.txt").read())',
-                },
-                {
-                    "cell_type": "code",
-                    "metadata": {},
-                    "outputs": [],
-                    "source": 'verdicts = [{"run_index": i, "judgement": "pass", "look": look} for i in runs["run_index"].to_pylist()]',
-                },
-            ],
-        }
-    ),
+    "look.ipynb": json.dumps(NOTEBOOK),
     "maps/room.yaml": "{image: room.pgm, resolution: 0.05, origin: [0.0, 0.0, 0.0]}\n",
     "maps/room.pgm": "P2 4 4 255\n" + "254 254 254 254\n" * 4,
 }

@@ -14,7 +14,7 @@ import sys
 import time
 import urllib.request
 import uuid
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -104,12 +104,6 @@ def traced_block(execute):
         return found
     return block
 
-def without_kernels(work):
-    @functools.wraps(work.compile_kernels)
-    def nothing(*_):  # no robot drives here
-        pass
-    work.compile_kernels = nothing
-
 def traced_run(execute):
     @functools.wraps(execute)
     def run(scenario, run_index, *rest):
@@ -126,12 +120,12 @@ class Finder(importlib.abc.MetaPathFinder):
         if name not in WRAPPED:
             return None
         spec = importlib.machinery.PathFinder.find_spec(name, path)
-        run = spec.loader.exec_module
+        execute = spec.loader.exec_module
         def exec_module(module):
-            run(module)
+            execute(module)
             module.execute = WRAPPED[name](module.execute)
             if hasattr(module, "compile_kernels") and not os.environ.get("VASTFLOW_PROOF_ROBOT"):
-                without_kernels(module)
+                module.compile_kernels = functools.wraps(module.compile_kernels)(lambda *_: None)
         spec.loader.exec_module = exec_module
         return spec
 
@@ -188,40 +182,26 @@ class Place:
     def __init__(self, lab: Lab, name: str, api: str | None = None, cluster: bool = False) -> None:
         self.folder = lab.folder / name
         self.folder.mkdir()
+        self.store, self.results = self.folder / "store", self.folder / "results"
+        self.scheduler_file, self.database = self.folder / "scheduler.json", self.folder / "prefect" / "prefect.db"
         self.mark = uuid.uuid4().hex
-        self._lab = lab
-        self.api = api
-        self._cluster = cluster
+        self._lab, self.api, self._cluster = lab, api, cluster
         if lab.home.exists():
             shutil.copytree(lab.home, self.folder / "prefect")
 
-    @property
-    def store(self) -> Path:
-        return self.folder / "store"
-
-    @property
-    def results(self) -> Path:
-        return self.folder / "results"
-
-    @property
-    def scheduler_file(self) -> Path:
-        return self.folder / "scheduler.json"
-
-    @property
-    def database(self) -> Path:
-        return self.folder / "prefect" / "prefect.db"
-
     def environment(self) -> dict[str, str]:
-        kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "VASTFLOW_"))}
-        password = {name: os.environ[name] for name in ("PREFECT_API_AUTH_STRING",) if name in os.environ}
-        api = {"PREFECT_API_URL": self.api, **password} if self.api else {}
-        robot = {"VASTFLOW_PROOF_ROBOT": "1"} if self._lab.robot else {}
+        kept = _environment(self.folder)
+        if self.api:
+            password = "PREFECT_API_AUTH_STRING"
+            kept |= {
+                "PREFECT_API_URL": self.api,
+                **({password: os.environ[password]} if password in os.environ else {}),
+            }
+        if self._lab.robot:
+            kept["VASTFLOW_PROOF_ROBOT"] = "1"
         return {
             **kept,
-            **api,
-            **robot,
             "PYTHONPATH": os.pathsep.join(filter(None, [str(self._lab.folder / "code"), kept.get("PYTHONPATH")])),
-            "PREFECT_HOME": str(self.folder / "prefect"),
             "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
             "VASTFLOW_STORE": str(self.store),
             MARK: self.mark,
@@ -234,7 +214,7 @@ class Place:
         options = ["--workers", str(WORKERS), "--json"]
         if self._cluster:
             options += ["--cluster", str(self.scheduler_file)]
-        return Life(self, [sys.executable, "-m", "vastflow.flows.cli", *asked, *options])
+        return Life(self, ["vastflow.flows.cli", *asked, *options])
 
     def trace(self) -> list[dict[str, Any]]:
         file = self.folder / "trace"
@@ -274,16 +254,7 @@ class Life:
         self.began_s = time.monotonic()
         number = len(list(place.folder.glob("out-*")))
         self._out, self._err = place.folder / f"out-{number}", place.folder / f"err-{number}"
-        with open(self._out, "wb") as out, open(self._err, "wb") as err:
-            self.process = psutil.Popen(
-                command,
-                cwd=place.folder,
-                env=place.environment(),
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=err,
-                start_new_session=True,
-            )
+        self.process = _started(command, place.environment(), self._out, self._err)
 
     @property
     def elapsed_s(self) -> float:
@@ -342,43 +313,26 @@ class Api:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}/api"
+        self.database = folder / "prefect" / "prefect.db"
         self._process: psutil.Popen | None = None
-
-    @property
-    def database(self) -> Path:
-        return self._folder / "prefect" / "prefect.db"
-
-    def environment(self) -> dict[str, str]:
-        """Environment of the server and of its workers."""
-        kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "VASTFLOW_"))}
-        return {**kept, **SERVER_SETTINGS, "PREFECT_HOME": str(self._folder / "prefect")}
 
     def start(self) -> None:
         """Start it and wait until it answers."""
-        with open(self._folder / "log", "ab") as log:
-            self._process = psutil.Popen(
-                [sys.executable, "-m", "prefect", "server", "start", "--host", "127.0.0.1", "--port", str(self.port)],
-                env=self.environment(),
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-            )
-        deadline = time.monotonic() + 120
-        while time.monotonic() < deadline:
+        command = ["prefect", "server", "start", "--host", "127.0.0.1", "--port", str(self.port)]
+        self._process = _started(command, _environment(self._folder) | SERVER_SETTINGS, self._folder / "log")
+
+        def answers() -> bool:
             with contextlib.suppress(OSError), urllib.request.urlopen(f"{self.url}/health", timeout=5):
-                return
-            time.sleep(0.2)
-        raise RuntimeError(f"Prefect's server did not start: {(self._folder / 'log').read_text()[-2000:]}")
+                return True
+            return False
+
+        if not _came(answers):
+            raise RuntimeError(f"Prefect's server did not start: {(self._folder / 'log').read_text()[-2000:]}")
 
     def kill(self) -> None:
         """kill -9, with all that it started."""
         if self._process is not None:
-            with contextlib.suppress(psutil.Error):
-                for process in [self._process, *self._process.children(recursive=True)]:
-                    with contextlib.suppress(psutil.Error):
-                        process.kill()
-            self._process.wait()
+            _killed(self._process)
 
 
 class Crew:
@@ -412,20 +366,12 @@ class Crew:
 
     def stop(self) -> None:
         """Kill the cluster."""
-        every = [self._scheduler, *self._workers]
-        for process in every:
-            with contextlib.suppress(psutil.Error):
-                for each in [process, *process.children(recursive=True)]:
-                    with contextlib.suppress(psutil.Error):
-                        each.kill()
-        psutil.wait_procs(every, timeout=10)
+        _killed(self._scheduler, *self._workers)
 
     def _begin(self) -> None:
         self._place.scheduler_file.unlink(missing_ok=True)
         self._scheduler = self._started("scheduler", "--port", "0")
-        deadline = time.monotonic() + 120
-        while not self._place.scheduler_file.exists() and time.monotonic() < deadline:
-            time.sleep(0.1)
+        _came(self._place.scheduler_file.exists)
         self._workers = [self._worker() for _ in range(WORKERS)]
 
     def _worker(self) -> psutil.Popen:
@@ -433,13 +379,44 @@ class Crew:
 
     def _started(self, *arguments: str) -> psutil.Popen:
         file = ["--scheduler-file", str(self._place.scheduler_file), "--no-dashboard"]
-        with open(self._place.folder / "crew", "ab") as log:
-            return psutil.Popen(
-                [sys.executable, "-m", "dask", *arguments, *file],
-                cwd=self._place.folder,
-                env=self._place.environment(),
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-            )
+        return _started(["dask", *arguments, *file], self._place.environment(), self._place.folder / "crew")
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    """This process's environment without what it says of Prefect and vastflow, and with a Prefect home in a folder."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "VASTFLOW_"))}
+    return {**kept, "PREFECT_HOME": str(folder / "prefect")}
+
+
+def _started(
+    command: Sequence[str], environment: Mapping[str, str], out: Path, err: Path | None = None
+) -> psutil.Popen:
+    """Start a module in a session of its own; it writes to files, the error output to that of the output by default."""
+    with open(out, "ab") as stdout, open(err or out, "ab") as stderr:
+        return psutil.Popen(
+            [sys.executable, "-m", *command],
+            cwd=out.parent,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=stdout,
+            stderr=stderr,
+            start_new_session=True,
+        )
+
+
+def _killed(*processes: psutil.Popen) -> None:
+    """kill -9, with all that they started."""
+    for process in processes:
+        with contextlib.suppress(psutil.Error):
+            for each in [process, *process.children(recursive=True)]:
+                with contextlib.suppress(psutil.Error):
+                    each.kill()
+    psutil.wait_procs(processes, timeout=10)
+
+
+def _came(true: Callable[[], bool]) -> bool:
+    """Wait until something is true, but not for ever."""
+    deadline_s = time.monotonic() + 120
+    while not true() and time.monotonic() < deadline_s:
+        time.sleep(0.1)
+    return true()

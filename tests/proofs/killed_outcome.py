@@ -48,10 +48,7 @@ def _content(path: Path) -> bytes:
     return content
 
 
-MASKS = (
-    (rb"<!-- work -->.*?<!-- /work -->", b""),
-    (rb"20\d\d-\d\d-\d\d \d\d:\d\d:\d\d", b""),
-)
+MASKS = ((rb"<!-- work -->.*?<!-- /work -->", b""), (rb"20\d\d-\d\d-\d\d \d\d:\d\d:\d\d", b""))
 """Of the report: what is said of the call that made it."""
 
 

@@ -2,16 +2,17 @@
 
 import json
 import statistics
-from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import numpy as np
 import pyarrow.parquet as pq
-from paper_parts import Part, parts_of
-from paper_published import PUBLISHED, Kind, Published
-from paper_starts import Starts, starts_of
+from paper_published import LOCAL_PADDING_M, LOCAL_RADIUS_M, PUBLISHED, Kind, Published
+from scipy import ndimage
 
 from vastflow.oracles.evidence.findings import weights_of
 from vastflow.oracles.judgement.verdict import Judgement, run_judgement
@@ -19,6 +20,8 @@ from vastflow.oracles.results.factors import blocks_of
 from vastflow.oracles.statistics.intervals import Counts, counts_of, pooled
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import read_json
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
+from vastflow.sim.world.map_file import load_map
 
 READINGS: Final[Mapping[Kind, tuple[str, ...]]] = {
     "robustness": ("update", "step", "metre", "mean", "maximum"),
@@ -29,6 +32,9 @@ NAME: Final = "paper-"
 ORIGINAL_MAPS: Final = "-original-maps"
 KEPT: Final = ("recordings", "traces", "logs")
 RUN_LOGS: Final = "logs/runs.jsonl"
+DENSITIES_PER_M: Final = (0.2, 0.6)
+COLLISION_M: Final = inscribed_radius_m(padded_outline(LOCAL_RADIUS_M, LOCAL_PADDING_M))
+"""Distance of the robot's center from a wall up to which the wall reaches into its padded footprint (m)."""
 
 Row = Mapping[str, Any]
 RunKey = tuple[str, int]
@@ -67,6 +73,46 @@ class Reading:
     alone: Counts
     reached: Counts
     median_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Some of the configurations, and what is said of their runs."""
+
+    name: str
+    configurations: int
+    counts: Counts
+
+
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """Configurations that start alike.
+
+    Attributes:
+        counts: What all oracles together say of their runs.
+        stood_still: Runs whose robot was sent and never moved.
+    """
+
+    configurations: int
+    counts: Counts
+    stood_still: int
+
+
+@dataclass(frozen=True, slots=True)
+class Starts:
+    """The configurations of a campaign by where they start.
+
+    Attributes:
+        near: Those that start with a wall in their padded footprint.
+        free: The others.
+        moved: What all oracles together say of the runs that did not stand still, wherever they start.
+        causes: Why runs stood still, of `vastflow.sim.loop.standstill.CAUSES`, to how many did.
+    """
+
+    near: Begun
+    free: Begun
+    moved: Counts
+    causes: Mapping[str, int]
 
 
 class Way(NamedTuple):
@@ -254,9 +300,7 @@ def _readings(kind: Kind, verdicts: list[Row]) -> Iterator[Reading]:
     reached = {_run(row): row["judgement"] for row in verdicts if row["oracle"] == "success"}
     measured = {_run(row): json.loads(row["metrics"]) for row in verdicts if row["oracle"] == kind}
     for name in READINGS.get(kind, ()):
-        found = {
-            key: (_error if kind == "robustness" else _separation)(metrics, name) for key, metrics in measured.items()
-        }
+        found = {key: (_error if kind == "robustness" else _separation)(each, name) for key, each in measured.items()}
         values = [value for value, _ in found.values() if value is not None]
         both = counts_of(run_judgement([judgement, reached[key]]) for key, (_, judgement) in found.items())
         median_m = statistics.median(values) if values else None
@@ -298,3 +342,73 @@ def _stored(directory: Path) -> Iterator[int]:
 
 def _rows(directory: Path, table: str, columns: list[str]) -> list[Row]:
     return pq.ParquetFile(directory / f"{table}.parquet").read(columns=columns).to_pylist()
+
+
+def parts_of(kind: Kind, configurations: Iterable[Row], counts: Mapping[str, Counts]) -> tuple[Part, ...]:
+    """Every level of everything that varies, in order."""
+    found: dict[tuple[str, float, str], list[Counts]] = defaultdict(list)
+    for row in configurations:
+        for level in _levels(kind, json.loads(row["factors"]), json.loads(row["provenance"])):
+            found[level].append(counts.get(row["name"], Counts()))
+    return tuple(Part(level[-1], len(of_level), pooled(of_level)) for level, of_level in sorted(found.items()))
+
+
+def _levels(kind: Kind, factors: Row, provenance: Row) -> Iterator[tuple[str, float, str]]:
+    """Yield what varies and its level, by which parts are ordered, and the part's name."""
+    if kind == "robustness":
+        loops, lost = factors["number_of_loops"], factors["laserscan_random_drop_percentage"]
+        noise_m = factors["laserscan_gaussian_noise_std_deviation"]
+        yield "loops", loops, f"loops {loops}"
+        yield "lost", lost, f"lost beams {100 * lost:.0f} %"
+        yield "noise", noise_m, f"noise {noise_m:.2f} m"
+        return
+    radius_m = factors["global_costmap.robot_radius"]
+    yield "global", radius_m, f"global radius {radius_m:.3f} m"
+    if kind != "safety":
+        return
+    if "spawn_trigger_threshold" in factors:
+        ahead_m = factors["spawn_trigger_threshold"]
+        yield "obstacle appears", ahead_m, f"obstacle appears at {ahead_m:g} m"
+    elif obstacles := factors.get("static_objects", []):
+        found_per_m = len(obstacles) / provenance["_path_length"]
+        density_per_m = min(DENSITIES_PER_M, key=lambda asked_per_m: abs(asked_per_m - found_per_m))
+        yield "obstacles", density_per_m, f"obstacles, {density_per_m:g} for each meter"
+    else:
+        yield "obstacles", 0.0, "no obstacles"
+
+
+def starts_of(
+    environments: Path, configurations: Iterable[Row], runs: Iterable[Row], judgements: Mapping[RunKey, Judgement]
+) -> Starts:
+    """Sort configurations by the room they have at the start.
+
+    Args:
+        environments: Folder of the campaign directory's maps.
+        configurations: `name`, `environment` and the pose `start`, a row each.
+
+    Raises:
+        ValueError, OSError: a map is damaged.
+    """
+
+    @cache
+    def ground(environment: str) -> Any:
+        occupancy = load_map(environments / environment / "map.yaml")
+        cells = ndimage.distance_transform_edt(~occupancy.occupied)
+        return occupancy, np.maximum(cells - 0.5, 0.0) * occupancy.resolution_m
+
+    def is_near(environment: str, position: Mapping[str, float]) -> bool:
+        """Whether a wall's cell is that near, or the place off the map."""
+        occupancy, distance_m = ground(environment)
+        cell = occupancy.cell_of(position["x"], position["y"])
+        return not occupancy.contains(*cell) or round(float(distance_m[cell]), 9) <= COLLISION_M
+
+    near = {row["name"]: is_near(row["environment"], row["start"]["position"]) for row in configurations}
+    stood_still = {_run(row): row["stood_still"] for row in runs if row["stood_still"] is not None}
+
+    def begun(beside_a_wall: bool) -> Begun:
+        names = {name for name, beside in near.items() if beside is beside_a_wall}
+        said = counts_of(judgement for (name, _), judgement in judgements.items() if name in names)
+        return Begun(len(names), said, sum(name in names for name, _ in stood_still))
+
+    moved = counts_of(said for key, said in judgements.items() if key not in stood_still)
+    return Starts(begun(True), begun(False), moved, Counter(stood_still.values()))

@@ -9,7 +9,10 @@ Campaigns are drawn with known success rates, and the statistics of `vastflow.or
   situations respond differently, how often an interaction is claimed that is not there;
 - *lengths*: a failure rate that rises with the length of the path, in campaigns whose paths differ, and one that does not;
 - *stopping*: errors and runs of the sequential rule, drawn, beside those that are computed;
-- *comparison*: how often a campaign against itself, with other noise, looks changed, and how often a loss is found.
+- *comparison*: how often a campaign against itself, with other noise, looks changed, and how often a loss is found;
+- *gate_others*, *gate_these*: how often the gate passes a campaign whose success rate loses exactly the margin, each path as much (spread),
+  one path in five five times as much (concentrated), or as many paths as make the margin everything (total). Of `others` the paths are
+  drawn anew for each campaign; of `these` they stay. Runs of a pair are drawn independently, which is the worst that equal seeds may do.
 
     python tests/proofs/planted_truths.py [--campaigns 1000] [PART ...]
 
@@ -18,10 +21,11 @@ Prints a table; exit code 1 where a rate of errors is above what is stated, by m
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from missions import parser_of
@@ -31,6 +35,7 @@ from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import CLAIMS, ClassBounds, StoppingRule, classify
 from vastflow.oracles.statistics.comparison import Pairs, changes, difference
+from vastflow.oracles.statistics.intervals import mean_interval, needed
 
 Floats = NDArray[np.float64]
 Part = Callable[[int, np.random.Generator], Iterator["Finding"]]
@@ -328,22 +333,102 @@ def comparison(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     yield Finding("comparison: configurations that lost 95 % of their rate are found", found, of, least=0.75)
 
 
-PARTS: tuple[Part, ...] = (
-    *(classes, factors, lengths, rare, stopping, comparison),
-    *(contrasts, crossed, responses),
-)
+GATE_RUNS: Final = 20
+MANNERS: Final = ("spread", "concentrated", "total")
+OTHERS: Final = ((0.1, 36), (0.1, 100), (0.02, 183), (0.02, 500))
+"""Margins, and numbers of paths that suffice for them."""
+THESE: Final = ((0.1, 8), (0.1, 40), (0.02, 24), (0.02, 150))
 
 
-def printed(parts: Iterable[tuple[int, Part]], campaigns: int, seed: int) -> int:
-    """Print what each part finds, and its CPU time; the exit code."""
-    good = True
-    for k, part in parts:
-        began = time.process_time()
-        for finding in part(campaigns, np.random.default_rng([seed, k])):
-            print(finding, flush=True)
-            good = good and finding.good
-        print(f"{part.__name__}: {time.process_time() - began:.0f} s CPU\n", flush=True)
-    return 0 if good else 1
+def gate_rates(
+    manner: str, margin: float, paths: int, rng: np.random.Generator, *, exact: bool
+) -> tuple[Floats, Floats]:
+    """Success rates of paths before and after a loss of `margin` on the mean.
+
+    Args:
+        exact: Of these paths; else of the kind that they are drawn from.
+    """
+    if manner == "spread":
+        before = rng.beta(8.0, 2.0, paths) * (1 - margin) + margin
+        return before, before - margin
+    share, loss = (0.2, 5 * margin) if manner == "concentrated" else (margin, 1.0)
+    hit = np.arange(paths) < round(share * paths) if exact else rng.random(paths) < share
+    before = np.where(hit & (manner == "total"), 1.0, rng.beta(8.0, 2.0, paths) * (1 - loss % 1) + loss % 1)
+    return before, np.where(hit, before - loss, before)
+
+
+def holds_for_others(before: Floats, after: Floats, margin: float, rng: np.random.Generator) -> bool:
+    """Whether a campaign of these rates passes, each path one draw."""
+    change = (rng.binomial(GATE_RUNS, after) - rng.binomial(GATE_RUNS, before)) / GATE_RUNS
+    return mean_interval(change)[0] > -margin
+
+
+def holds_for_these(before: Floats, after: Floats, margin: float, rng: np.random.Generator) -> bool:
+    """Likewise, each pair of runs one draw."""
+    then, now = (rng.random((GATE_RUNS, len(before))) < each for each in (before, after))
+    return lower_end(int((then & ~now).sum()), int((now & ~then).sum()), then.size) > -margin
+
+
+@cache
+def lower_end(lost: int, gained: int, pairs: int) -> float:
+    """Width of the interval of this number of pairs."""
+    return mean_interval(np.repeat([-1.0, 0.0, 1.0], [lost, pairs - lost - gained, gained]))[0]
+
+
+def gate_others(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """Losses of the margin, none, and of ten points, on paths that are drawn anew."""
+    for margin, paths in OTHERS:
+        assert (needed(margin) or 0) <= paths
+        for manner in MANNERS:
+            passed = sum(
+                holds_for_others(*gate_rates(manner, margin, paths, rng, exact=False), margin, rng)
+                for _ in range(campaigns)
+            )
+            what = f"gate of others: a loss of {100 * margin:g} points, {manner}, on {paths} paths passes"
+            yield Finding(what, passed, campaigns, most=0.025)
+        same = [rng.beta(8.0, 2.0, paths) for _ in range(campaigns)]
+        yield Finding(
+            f"gate of others: no loss, on {paths} paths, passes a margin of {100 * margin:g}",
+            sum(holds_for_others(each, each, margin, rng) for each in same),
+            campaigns,
+        )
+
+
+def gate_these(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """The same on paths that stay; and a loss of ten points under a margin of two."""
+    for margin, paths in THESE:
+        for manner in MANNERS:
+            if manner == "total" and round(margin * paths) != margin * paths:
+                continue
+            before, after = gate_rates(manner, margin, paths, rng, exact=True)
+            lost = float((before - after).mean())
+            passed = sum(holds_for_these(before, after, lost, rng) for _ in range(campaigns))
+            what = f"gate of these: a loss of {100 * lost:.3g} points, {manner}, on {paths} paths passes"
+            yield Finding(what, passed, campaigns, most=0.025)
+        before = rng.beta(8.0, 2.0, paths)
+        passed = sum(holds_for_these(before, before, margin, rng) for _ in range(campaigns))
+        yield Finding(
+            f"gate of these: no loss, other noise, on {paths} paths, passes {100 * margin:g}", passed, campaigns
+        )
+    for manner in MANNERS:
+        before, after = gate_rates(manner, 0.1, 20, rng, exact=True)
+        caught = sum(not holds_for_these(before, after, 0.02, rng) for _ in range(campaigns))
+        what = f"gate of these: a loss of 10 points, {manner}, on 20 paths fails a margin of 2"
+        yield Finding(what, caught, campaigns, least=0.95)
+    for pairs in (183, 480, 4800):
+        yield Finding(
+            f"gate of these: {pairs} pairs that all end alike pass a margin of 2",
+            lower_end(0, 0, pairs) > -0.02,
+            1,
+            least=1.0,
+        )
+
+
+PARTS: Mapping[Part, tuple[int, int]] = {
+    part: (7, k)
+    for k, part in enumerate((classes, factors, lengths, rare, stopping, comparison, contrasts, crossed, responses))
+} | {gate_others: (18, 0), gate_these: (18, 1)}
+"""Parts and their seeds."""
 
 
 def main() -> int:
@@ -351,8 +436,15 @@ def main() -> int:
     parser.add_argument("--campaigns", type=int, default=1000, metavar="N", help="of each kind")
     parser.add_argument("parts", nargs="*", metavar="PART", help="those named only")
     options = parser.parse_args()
-    chosen = [(k, part) for k, part in enumerate(PARTS) if not options.parts or part.__name__ in options.parts]
-    return printed(chosen, options.campaigns, 7)
+    good = True
+    for part, seed in PARTS.items():
+        if not options.parts or part.__name__ in options.parts:
+            began_s = time.process_time()
+            for finding in part(options.campaigns, np.random.default_rng(seed)):
+                print(finding, flush=True)
+                good &= finding.good
+            print(f"{part.__name__}: {time.process_time() - began_s:.0f} s CPU\n", flush=True)
+    return 0 if good else 1
 
 
 if __name__ == "__main__":

@@ -87,17 +87,11 @@ def run(site: Path, cache: Path, *arguments: object) -> subprocess.CompletedProc
 
 def wrong_campaign(site: Path, first: Path) -> list[str]:
     """Problems of the campaign that `vastflow init` writes."""
-    made = run(site, first.with_name("cache"), "-m", "vastflow.flows.cli", "init", first)
-    _, _, campaign = made.stdout.partition("vastflow run ")
-    if made.returncode or not campaign:
-        return [f"vastflow init: {made.stdout}{made.stderr}"]
-    file = Path(campaign.split()[0])
-    checked = run(site, first.with_name("cache"), "-m", "vastflow.flows.cli", "validate", file)
-    problems = [] if checked.returncode == 0 else [f"vastflow validate: {checked.stderr}"]
-    shipped = (ROOT / "campaigns" / "quickstart" / "quickstart.vast").read_text()
-    if file.read_text() != shipped.replace("campaigns/quickstart/quickstart.vast", str(file)):
-        problems.append("expected the checkout's quickstart campaign, got another")
-    return problems
+    for arguments in (("init", first), ("validate", first / "quickstart.vast")):
+        called = run(site, first.with_name("cache"), "-m", "vastflow.flows.cli", *arguments)
+        if called.returncode:
+            return [f"vastflow {arguments[0]}: {called.stdout}{called.stderr}"]
+    return []
 
 
 def wrong_keys(site: Path, cache: Path) -> list[str]:
