@@ -17,10 +17,7 @@ def may_unshare():
     return tools and os.geteuid() == 0 and subprocess.run(["unshare", "-m", "true"], check=False).returncode == 0
 
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not may_unshare(), reason="needs root and mount namespaces"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not may_unshare(), reason="needs root and mount namespaces")]
 READ_ONLY, FULL = (f"mkdir -p {{}} && mount -t tmpfs -o {option} none {{}}" for option in ("ro", "size=16k"))
 
 

@@ -100,11 +100,7 @@ def test_run_of_directory_keeps_its_selection(small_room, tmp_path, tree, asked_
 
 @pytest.mark.parametrize(
     ("name", "folder"),
-    [
-        ("halls/room.yaml", "maps/halls"),
-        ("../halls/room.yaml", "halls"),
-        ("/opt/elsewhere/maps/room.yaml", "maps"),
-    ],
+    [("halls/room.yaml", "maps/halls"), ("../halls/room.yaml", "halls"), ("/opt/elsewhere/maps/room.yaml", "maps")],
 )
 def test_inputs_have_maps_of_other_folders(name, folder, small_room, tmp_path, tree, asked_again):
     maps = tmp_path / "somewhere" / "maps"
