@@ -5,7 +5,6 @@ import json
 import os
 import pickle
 import signal
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -73,12 +72,6 @@ def test_former_command_names_its_successor(former):
         refused(*former.split(), "x")
         == f"expected `vastflow {RENAMED[former]}`, got `vastflow {former}`, which it replaces"
     )
-
-
-@each_row("arguments", ["--runs 0", "--workers 0", "--runs many", "--nonsense"])
-def test_bad_options_exit_with_2(small_room, arguments):
-    result = called("run", small_room, *arguments.split())
-    assert result.exit_code == 2 and arguments.split()[0] in result.stderr
 
 
 MISSING_MAP = ("room.yaml", "cellar.yaml")
@@ -199,16 +192,6 @@ def test_interruptible_treats_interrupted_import_as_interrupt(capsys):
     assert (ended.value.exit_code, capsys.readouterr().err) == (130, "bye\n")
     with pytest.raises(ValueError, match="mine"), Interruptible("bye"):
         raise ValueError("mine")
-
-
-def test_entry_module_imports_nothing_heavy():
-    program = (
-        "import sys, vastflow.flows.cli.__main__\n"
-        "heavy = {'prefect', 'numba', 'matplotlib', 'pandas', 'pyarrow', 'numpy', 'scipy'} & set(sys.modules)\n"
-        "print(*heavy)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=240, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "\n", "")
 
 
 def test_store_error_of_worker_keeps_its_number():

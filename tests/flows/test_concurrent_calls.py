@@ -5,6 +5,7 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from room import SMALL_ROOM, drawn_room
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
@@ -15,8 +16,6 @@ SLOW = "import time; time.sleep(0.02)  # as a plug-in that imports large librari
 CELL = "from helper import NUMBER\nverdicts = [{'run_index': i, 'judgement': 'pass'} for i in runs['run_index'].to_pylist()]"
 CODE_CELL = {"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": CELL}
 FILES = {
-    "room.pgm": "P2 60 60 255\n" + "\n".join("0" if {x, y} & {0, 59} else "254" for x in range(60) for y in range(60)),
-    "room.yaml": "{image: room.pgm, resolution: 0.05, origin: [0.0, 0.0, 0.0]}",
     "noise.txt": "0.1 0.2",
     "helper.py": f"{SLOW}NUMBER = NUMBER_HERE\n",
     "own.py": f"""{SLOW}
@@ -57,18 +56,11 @@ scenario number_NUMBER_HERE:
         robot.nav_to_pose(goal_pose)
 """,
 }  # fmt: skip
-CAMPAIGN = """
-version: 1
-configuration:
-  - name: room
-    parameters:
-      - map_file: room.yaml
-      - start_pose: {x: 1.0, y: 1.0, yaw: 0.0}
-      - goal_pose: {x: 1.5, y: 1.0, yaw: 0.0}
-    variations: [own.py:Own: {}]
+OWN = """variations: [own.py:Own: {}]
 execution: {scenario_file: own.osc, runs: 1}
 evaluation: {oracles: [own.py:Judge, own.ipynb]}
 """
+CAMPAIGN = SMALL_ROOM.partition("variations:")[0] + OWN
 
 
 def read(file):
@@ -105,7 +97,7 @@ def check(folder, way, rounds):
     """Read two new files four times at once, so that nothing of them is loaded yet."""
     for number in range(rounds):
         place = folder / f"round-{number}"
-        place.mkdir()
+        drawn_room(place)
         for name, text in {**FILES, "first.vast": CAMPAIGN, "second.vast": CAMPAIGN}.items():
             (place / name).write_text(text.replace("NUMBER_HERE", str(number)))
         found = way([place / "first.vast", place / "second.vast"] * 2)

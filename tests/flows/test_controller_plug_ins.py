@@ -15,20 +15,6 @@ from vastflow.tasks.engine.bundle import Packer
 from vastflow.tasks.store.store import open_store
 
 PAGE = Path(__file__).parents[2] / "docs" / "write-a-controller.md"
-VAST = """
-version: 1
-configuration:
-  - name: room
-    parameters:
-      - map_file: room.yaml
-      - start_pose: {x: 1.0, y: 1.0, yaw: 0.0}
-      - goal_pose: {x: 4.0, y: 1.5, yaw: 0.0}
-    variations:
-      - ParameterVariationList: {name: controller, values: [rpp, PLUG_IN]}
-execution:
-  runs: 1
-  nav2_params: PARAMETERS
-"""
 
 
 @pytest.fixture(params=["", "../nav2/"], ids=["beside", "elsewhere"])
@@ -40,9 +26,10 @@ def campaign_file(request, small_room):
     for name in ("my_pursuit.py", "my_pursuit.yaml"):
         (text,) = re.findall(rf"^```\w+ {re.escape(name)}\n((?:.*\n)*?)^```$", PAGE.read_text(), re.MULTILINE)
         (nav2 / name).write_text(text)
-    text = VAST.replace("PARAMETERS", f"{request.param}my_pursuit.yaml")
-    (home / "x.vast").write_text(text.replace("PLUG_IN", "my_pursuit.py:PurePursuit"))
-    return home / "x.vast"
+    text = small_room.read_text().replace("laserscan_gaussian_noise_std_deviation", "controller")
+    text = text.replace("0.0, 0.02", "rpp, my_pursuit.py:PurePursuit")
+    small_room.write_text(f"{text}  nav2_params: {request.param}my_pursuit.yaml\n")
+    return small_room
 
 
 def controllers(scenarios) -> list[str]:

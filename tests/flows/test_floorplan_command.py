@@ -120,9 +120,3 @@ def test_floorplan_refuses_wrong_arguments(plan, tmp_path, monkeypatch, golden):
         return [said.replace(str(tmp_path), "HERE").replace(str(OFFICE_WING), "WING")]
 
     golden("command_line", "floorplan", faults_of)
-
-
-def test_render_refuses_invalid_resolution(plan, tmp_path):
-    for wrong in ("0", "nan", "fine"):
-        result = run("render", plan, "--out", tmp_path, "--resolution", wrong)
-        assert result.exit_code == 2 and "Invalid value for '--resolution'" in result.stderr

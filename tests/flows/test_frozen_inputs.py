@@ -3,6 +3,7 @@
 import shutil
 
 import pytest
+from room import SMALL_ROOM
 
 from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
 from vastflow.flows.request.run_request import Asked
@@ -10,21 +11,10 @@ from vastflow.flows.results.inputs import inputs_of, replica
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.tasks.keys.source import installed_tree
 
-VAST = """
-version: 1
-configuration:
-  - name: room
-    parameters:
-      - map_file: maps/room.yaml
-      - start_pose: {position: {x: 1.0, y: 1.0}, orientation: {yaw: 0.0}}
-      - goal_pose: {position: {x: 2.0, y: 1.0}, orientation: {yaw: 0.0}}
-    variations:
-      - own.py:Own: {}
-execution:
-  runs: 1
-evaluation:
-  oracles:
-    - OFOLDERown_oracle.py:Limited
+VAST = f"""{SMALL_ROOM.partition("variations:")[0].replace("room.yaml", "maps/room.yaml")}variations:
+      - own.py:Own: {{}}
+execution: {{runs: 1}}
+evaluation: {{oracles: [OFOLDERown_oracle.py:Limited]}}
 """
 PRODUCER = """
 from vastflow.producers.model.configuration import Fragment

@@ -145,13 +145,6 @@ def test_report_has_classes_and_saved_runs(first):
     assert "22 of 80 runs were saved" in report
 
 
-def test_repeated_campaign_computes_nothing(first, run, no_prefect):
-    again = run()
-    assert (again.summary.executed, again.summary.reused, again.summary.runs) == (0, 58, 58)
-    assert metadata_of(again)["report"] == metadata_of(first)["report"]
-    assert content(again) == content(first)
-
-
 def test_verdicts_are_equal_for_any_workers(first, run):
     alone = run(store="alone", workers=1)
     assert alone.summary.executed == 58
@@ -168,13 +161,6 @@ def test_runs_of_fixed_campaign_are_reused(first, run, monkeypatch):
     assert (ended.summary.executed, ended.summary.reused, ended.summary.runs) == (0, 58, 58)
     assert judgements_of(ended) == judgements_of(first)
     assert runs_of(ended) == ENDS
-
-
-def test_option_runs_fixes_their_number(place):
-    file = file_of(place, SEQUENTIAL)
-    fixed = run_campaign(file, runs=3, results=place / "results", store=place / "few", workers=2)
-    assert runs_of(fixed) == dict.fromkeys(KINDS, 3)
-    assert "sequential" not in metadata_of(fixed)
 
 
 def test_larger_maximum_adds_runs_and_smaller_one_none(run, first):

@@ -181,18 +181,6 @@ def test_judge_refuses_unknown_oracle_with_its_place(traces, oracles, said):
         judge(traces, oracles=oracles)
 
 
-@each_row(
-    ("options", "error", "said"),
-    [
-        ({"only": "rigth"}, FileError, "only: no family or configuration 'rigth'; did you mean 'right'"),
-        ({"runs": 0}, ValueError, "runs is at least 1, got 0"),
-    ],
-)
-def test_execute_refuses_wrong_options(configurations, options, error, said):
-    with pytest.raises(error, match=said):
-        execute(configurations, **options)
-
-
 def test_stages_report_deleted_artifacts_as_lost(place, configurations, tmp_path):
     shutil.copytree(place / "store", tmp_path / "store")
     (tmp_path / "own.py").write_text(ORACLE)
