@@ -75,21 +75,15 @@ def test_former_command_names_its_successor(former):
 
 
 MISSING_MAP = ("room.yaml", "cellar.yaml")
-BAD_FILES = [
-    (MISSING_MAP, "cellar.yaml"),
-    (("      - goal_pose: {x: 3.0, y: 1.0, yaw: 0.0}\n", ""), "goal_pose"),
-    (("execution:", "evaluation: {oracles: [performence]}\nexecution:"), "did you mean 'performance'?"),
-]
 
 
-@pytest.mark.parametrize(("edit", "words"), BAD_FILES)
-def test_bad_file_exits_with_2_and_writes_nothing(here, edit, words):
-    edited(here, (ROOM, *edit))
+def test_bad_file_exits_with_2_and_writes_nothing(here):
+    edited(here, (ROOM, *MISSING_MAP))
     before = sorted(here.rglob("*"))
     for command in ("validate", "run"):
         file, line, column, rest = refused(command, ROOM).split(":", 3)
         assert (file, line.isdigit(), column.isdigit()) == (ROOM, True, True)
-        assert words in rest
+        assert "cellar.yaml" in rest
     assert sorted(here.rglob("*")) == before
 
 

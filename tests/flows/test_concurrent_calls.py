@@ -1,6 +1,5 @@
 """Concurrent calls in one process that load the same plug-ins and scenarios."""
 
-import asyncio
 import json
 from concurrent.futures import ThreadPoolExecutor
 
@@ -74,13 +73,6 @@ def in_threads(files):
         return list(pool.map(read, files))
 
 
-def by_to_thread(files):
-    async def gathered():
-        return await asyncio.gather(*(asyncio.to_thread(read, file) for file in files))
-
-    return asyncio.run(gathered())
-
-
 def in_prefect_tasks(files):
     from prefect import flow, task
     from prefect.cache_policies import NO_CACHE
@@ -104,12 +96,11 @@ def check(folder, way, rounds):
         assert found == [(3, [0.1 + number / 1e6, 0.2 + number / 1e6])] * 4
 
 
-@pytest.mark.parametrize("way", [in_threads, by_to_thread])
-def test_threads_load_shared_plug_ins_and_scenarios_without_failures(tmp_path, monkeypatch, way):
+def test_threads_load_shared_plug_ins_and_scenarios_without_failures(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     grammar._parser.cache_clear()
     declaring._library.cache_clear()
-    check(tmp_path, way, rounds=3)
+    check(tmp_path, in_threads, rounds=3)
 
 
 @pytest.mark.timeout(300)

@@ -45,24 +45,16 @@ def test_export_does_without_campaign_file(directory, tmp_path):
     assert called("export", directory, tmp_path / "out").exit_code == 0
 
 
-def test_past_reads_whole_directory(directory):
-    assert list(past_of(directory).by_name) == ["room-1", "room-2"]
-    assert newest_past(directory.parent, "small_room").directory == directory
-
-
 OTHER_METADATA = {
     "name": (["name"], 7),
     "created": (["created"], 20261121),
-    "numeric_class": (["numeric_class"], 4),
     "seed": (["seed"], "none"),
     "code.observe": (["code", "observe"], []),
     "code.judge.files": (["code", "judge"], {"libraries": {}}),
     "code.execute.libraries.numpy": (["code", "execute", "libraries", "numpy"], 2),
     "code: has no changed": (["oracles", 0, "source"], "changed"),
     "oracles.0.name": (["oracles", 0, "name"], None),
-    "oracles": (["oracles"], {}),
     "producers": (["producers"], [1]),
-    "asked.runs": (["asked", "runs"], "2"),
     "asked.only": (["asked", "only"], 5),
 }
 
@@ -91,9 +83,6 @@ OTHER_ROWS = [
     (CONFIGURATIONS, "provenance", "{"),
     (CONFIGURATIONS, "steps", '[{"producer": 1, "keys": []}]'),
     (CONFIGURATIONS, "abstract", None),
-    (CONFIGURATIONS, "timeout_s", "soon"),
-    ("runs.parquet", "configuration", None),
-    ("runs.parquet", "run_index", "first"),
     ("runs.parquet", "run_index", -1),
 ]
 

@@ -71,7 +71,6 @@ CHANGES = {
     "a robot": of_metadata(robots=[]),
     "a selection": of_metadata(asked={"only": ["room"], "runs": 2}),
     "a rule by which runs ended": of_metadata(**{SEQUENTIAL: {"min": 5, "max": 20}}),
-    "another rule": of_metadata(**{SEQUENTIAL: {"min": 6, "max": 20}}),
     "the verdicts of one configuration": lambda asked: {"contents": [["verdicts/a", "?"], asked["contents"][1]]},
     "the order of configurations": lambda asked: {"contents": asked["contents"][::-1]},
     "a configuration more": lambda asked: {"contents": [*asked["contents"], ["verdicts/c", "content of c"]]},

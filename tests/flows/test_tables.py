@@ -51,23 +51,14 @@ def read_back(path, columns, rows):
     return pq.ParquetFile(path / "t.parquet").read()
 
 
-def test_table_without_rows_still_has_its_columns(tmp_path):
+def test_table_keeps_columns_text_and_numbers_bit_for_bit_and_escapes_invalid_utf_8(tmp_path):
     assert read_back(tmp_path, REJECTIONS, []).schema.equals(REJECTIONS)
-
-
-def test_table_keeps_text_and_escapes_invalid_utf_8(tmp_path):
     texts = ["12", "null", 'say "no"\nthen', "σ ≥ 0.5 – 😀", "", "\\u0041", "y" * 100_000, None]
     found = read_back(tmp_path, RUNS, [{"reason": text} for text in [*texts, "no file a\udcff.csv"]])
     assert found["reason"].to_pylist() == [*texts, "no file a\\udcff.csv"]
-
-
-def test_table_returns_numbers_bit_for_bit(tmp_path):
     numbers = [0.1 + 0.2, 1e-300, -0.0, 1e22, 5.0]
     found = read_back(tmp_path, RUNS, [{"simulated_s": number} for number in numbers])["simulated_s"].to_pylist()
     assert [number.hex() for number in found] == [number.hex() for number in numbers]
-
-
-def test_table_refuses_unknown_column(tmp_path):
     with pytest.raises(ValueError, match="unexpected field"):
         write_table(tmp_path / "t.parquet", REJECTIONS, [{"nonsense": 1}])
 
