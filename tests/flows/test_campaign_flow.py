@@ -125,12 +125,6 @@ def test_recordings_have_equal_bytes_for_any_workers(place, first, tmp_path):
     assert recordings(alone) == recordings(first)
 
 
-def test_more_runs_execute_only_the_difference(again, counted):
-    found = again(runs=RUNS + 3)
-    assert (found.summary.executed, found.summary.reused) == (3 * CONFIGURATIONS, RUNS * CONFIGURATIONS)
-    assert counted()["runs"] == 3 * CONFIGURATIONS
-
-
 def test_changed_noise_level_executes_its_configurations_only(place, again, counted):
     found = again(("tiny.vast", "values: [0.0, 0.01]", "values: [0.0, 0.02]"))
     assert (found.summary.executed, found.summary.reused) == (2 * RUNS, 2 * RUNS)
@@ -151,12 +145,6 @@ def test_oracle_parameter_judges_again_without_executing_inside_event_loop(again
     added = counted()
     assert (added["runs"], added["observe"]) == (0, 0)
     assert added["judge"] >= CONFIGURATIONS
-
-
-def test_edited_producer_executes_changed_configurations_only(again, counted):
-    found = again(("ahead.py", "1.0 + distance_m", "1.0 + (distance_m if distance_m < 0.7 else 1.0)"))
-    assert (found.summary.executed, found.summary.reused) == (2 * RUNS, 2 * RUNS)
-    assert counted()["evaluate"] == 1
 
 
 def test_damaged_recording_is_recorded_again_and_lost_trace_observed_again(artifacts, again, counted):

@@ -87,15 +87,6 @@ def test_bad_file_exits_with_2_and_writes_nothing(here):
     assert sorted(here.rglob("*")) == before
 
 
-def test_validate_reports_all_faults_at_once_and_a_wrong_section_once(small_room):
-    edited(small_room.parent, ("room.vast", *MISSING_MAP))
-    text = small_room.read_text().replace("  runs: 2", "  rums: 2")
-    for oracles, place in (("[success: {allow_missed: perhaps}]", "allow_missed"), ("{1: 2}", "evaluation.oracles")):
-        small_room.write_text(f"{text}evaluation:\n  oracles: {oracles}\n")
-        said = called("validate", small_room).stderr
-        assert len(said.splitlines()) == 3 and place in said
-
-
 def test_validate_counts_parts_and_names_unexecuted_keys(small_room):
     ok = "OK: 1 family, 1 producer, 1 oracle\n"
     result = called("validate", small_room)

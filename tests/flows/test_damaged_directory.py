@@ -110,17 +110,7 @@ def rewrite(file, column, value):
     pq.write_table(table.set_column(table.schema.get_field_index(column), column, values), file)
 
 
-PYARROW = (
-    pa.ArrowNotImplementedError,
-    pa.ArrowInvalid,
-    pa.ArrowKeyError,
-    pa.ArrowTypeError,
-    pa.ArrowIndexError,
-    OSError,
-)
-
-
-@pytest.mark.parametrize("error", PYARROW)
+@pytest.mark.parametrize("error", [NotImplementedError, pa.ArrowInvalid, pa.ArrowKeyError, TypeError, OSError])
 @pytest.mark.parametrize("command", ["show", "compare", "plan", "plan --since"])
 def test_commands_report_damaged_table(directory, small_room, tmp_path, monkeypatch, command, error):
     def damaged(*_, **__):

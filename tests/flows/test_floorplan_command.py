@@ -103,12 +103,6 @@ def test_variations_warns_of_door_beside_its_wall(plan, tmp_path):
     assert re.match(rf"{tmp_path}/v/flat_7.fpm:\d+:\d+: warning: Entryway door: it cuts nothing: ", result.stderr)
 
 
-def test_render_and_geometry_report_fault_with_its_place(plan, tmp_path):
-    plan.write_text(plan.read_text().replace("width=gap", "width=gab"))
-    for command in (("render", plan, "--out", tmp_path / "out"), ("geometry", plan)):
-        assert refused("floorplan", *command) == f"{plan}:41:32: Entryway door: no variable 'gab'; did you mean 'gap'?"
-
-
 def test_floorplan_refuses_wrong_arguments(plan, tmp_path, monkeypatch, golden):
     monkeypatch.chdir(tmp_path)
     Path("there").mkdir()

@@ -5,9 +5,7 @@
 
 import os
 import random
-import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -108,18 +106,6 @@ def test_killed_flow_run_is_marked_as_crashed_by_the_next_run(killed, lab, alone
     assert sorted([*before, "COMPLETED", "CRASHED"]) == states(api)
     (directory,) = place.directories()
     assert killed.differing(alone[0].files, killed.digests(directory)) == ""
-
-
-def test_complete_campaign_sends_no_requests(killed, lab, alone):
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        place = killed.Place(lab, "asked", api=f"http://127.0.0.1:{listener.getsockname()[1]}/api")
-        shutil.copytree(lab.folder / "first" / "store", place.store)
-        life = place.begin()
-        assert life.end() == 0, life.words()
-        assert (life.summary()["executed"], life.summary()["reused"]) == (0, CONFIGURATIONS * killed.RUNS)
-        listener.setblocking(False)
-        with pytest.raises(BlockingIOError):  # nobody is waiting to be let in
-            listener.accept()
 
 
 def test_missing_server_is_reported_in_one_sentence(killed, lab, alone):

@@ -90,17 +90,6 @@ def test_params_prints_json(nav2):
     assert found["nodes_left_away"] == ["collision_monitor"]
 
 
-def test_file_faults_are_reported_with_places_and_exit_code_2(nav2):
-    nav2.write_text(NAV2.replace("_vel: 1", "_vel: -1").replace("PursuitController", "Pursuit").replace(".inf", ".nan"))
-    result = called("params", nav2)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.startswith(f"{nav2}:12:14: velocity_smoother.ros__parameters.mystery: expected ")
-    nav2.write_text(NAV2.replace("_vel: 1", "_vel: -1").replace("odom_topic", "max_velocity"))
-    result = called("params", nav2, "--json")
-    assert [line.split(":")[1] for line in result.stderr.splitlines()] == ["7", "11"]
-    assert "Traceback" not in result.stderr
-
-
 @pytest.fixture
 def campaign(small_room, nav2):
     nav2.rename(small_room.with_name("nav2.yaml"))

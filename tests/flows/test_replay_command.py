@@ -73,18 +73,12 @@ def replayed_json(*arguments):
     return done, json.loads(done.stdout)
 
 
-def tampered(results, change):
-    """Let `change` edit a run's columns in the recording of `room-2`."""
-    file = results / "recordings" / "room-2.parquet"
-    recordings = read_recordings(file.read_bytes())
-    columns = {name: column.copy() for name, column in recordings[1].columns.items()}
-    change(columns)
-    recordings[1] = Recording(recordings[1].run, columns)
-    file.write_bytes(write_recordings(recordings))
-
-
-def add_a_millimeter(columns):
+def tampered(results):
+    """Add a millimeter to a row of the second run of `room-2`."""
+    one, other = read_recordings((results / RECORDING).read_bytes())
+    columns = {name: column.copy() for name, column in other.columns.items()}
     columns["x_mm"][12] += 1
+    (results / RECORDING).write_bytes(write_recordings([one, Recording(other.run, columns)]))
 
 
 def test_replay_repeats_run_bit_for_bit_from_campaign_directory_alone(results, tmp_path):
@@ -102,7 +96,7 @@ def test_replay_repeats_run_bit_for_bit_from_campaign_directory_alone(results, t
 
 
 def test_replay_reports_row_and_column_of_tampered_recording_and_draws_it(results):
-    tampered(results, add_a_millimeter)
+    tampered(results)
     done, said = replayed_json(results, "room-2", 1, "--at", "1.0")
     assert (done.exit_code, said["equal"]) == (1, False)
     assert said["difference"].startswith("row 12 (1.20 s), x_mm: recorded ")
@@ -203,7 +197,7 @@ def test_replay_names_other_source_and_numeric_class(results):
     assert said.exit_code == 0 and "equal to the recording bit for bit" in said.stdout
     assert "room-2, run 1: recorded with other source of the simulator (abcdef012345, here " in said.stderr
     assert "); numba 0.1, here " in said.stderr
-    tampered(results, add_a_millimeter)
+    tampered(results)
     done, said = replayed_json(results, "room-2", 1, "--at", "1.0")
     before, _, after = done.stderr.partition("NOT THE RECORDED RUN: row 12")
     assert done.exit_code == 1
