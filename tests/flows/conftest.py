@@ -8,7 +8,10 @@ import pytest
 from room import SMALL_ROOM, drawn_room
 from whole_directory import CREATED, ConfigurationResult, write_results
 
+from vastflow.flows.plan import plan as plans
 from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
+from vastflow.flows.run import prepared
+from vastflow.flows.stages import api as stages
 from vastflow.oracles.judgement.verdict import Verdict, write_verdicts
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Recording, Run
@@ -24,6 +27,16 @@ from vastflow.tasks.store.store import open_store
 def tree():
     """A source tree that ignores edits of the checkout during the tests."""
     return installed_tree()
+
+
+@pytest.fixture(scope="module")
+def flow_folder(tmp_path_factory, one_server, tree):
+    """A folder for the campaigns of a module, which share an embedded API and the source tree."""
+    folder = tmp_path_factory.mktemp("flow")
+    with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
+        for module in (plans, prepared, stages):
+            patch.setattr(module, "installed_tree", lambda: tree)
+        yield folder
 
 
 @pytest.fixture

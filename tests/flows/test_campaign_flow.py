@@ -15,7 +15,6 @@ import pytest
 from room import edited, laid_out
 
 from vastflow.flows import run_campaign
-from vastflow.flows.run import prepared
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -24,12 +23,9 @@ NOTHING = {"runs": 0, "evaluate": 0, "observe": 0, "judge": 0}
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory, one_server, tree):
-    folder = tmp_path_factory.mktemp("campaign")
-    laid_out(folder, "tiny", [0.6, 0.9])
-    with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(prepared, "installed_tree", lambda: tree)
-        yield folder
+def place(flow_folder):
+    laid_out(flow_folder, "tiny", [0.6, 0.9])
+    return flow_folder
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import json
 from concurrent.futures import ThreadPoolExecutor
 
-import pytest
 from room import SMALL_ROOM, drawn_room
 
 from vastflow.flows.request.campaign_file import read_campaign
@@ -68,42 +67,16 @@ def read(file):
     return len(oracles), [each.scenario.system[NOISE] for each in instantiate(campaign).configurations]
 
 
-def in_threads(files):
-    with ThreadPoolExecutor(len(files)) as pool:
-        return list(pool.map(read, files))
-
-
-def in_prefect_tasks(files):
-    from prefect import flow, task
-    from prefect.cache_policies import NO_CACHE
-
-    @flow(name="calls")
-    def several():
-        one = task(read, name="call", cache_policy=NO_CACHE)
-        return [each.result() for each in [one.submit(file) for file in files]]
-
-    return several()
-
-
-def check(folder, way, rounds):
-    """Read two new files four times at once, so that nothing of them is loaded yet."""
-    for number in range(rounds):
-        place = folder / f"round-{number}"
-        drawn_room(place)
-        for name, text in {**FILES, "first.vast": CAMPAIGN, "second.vast": CAMPAIGN}.items():
-            (place / name).write_text(text.replace("NUMBER_HERE", str(number)))
-        found = way([place / "first.vast", place / "second.vast"] * 2)
-        assert found == [(3, [0.1 + number / 1e6, 0.2 + number / 1e6])] * 4
-
-
 def test_threads_load_shared_plug_ins_and_scenarios_without_failures(tmp_path, monkeypatch):
+    """Two new files are read four times at once, so that nothing of them is loaded yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     grammar._parser.cache_clear()
     declaring._library.cache_clear()
-    check(tmp_path, in_threads, rounds=3)
-
-
-@pytest.mark.timeout(300)
-def test_prefect_tasks_load_shared_plug_ins_without_failures(tmp_path, started_api):
-    with started_api(tmp_path / "prefect", tmp_path / "log"):
-        check(tmp_path, in_prefect_tasks, rounds=2)
+    for number in range(3):
+        place = tmp_path / f"round-{number}"
+        drawn_room(place)
+        for name, text in {**FILES, "first.vast": CAMPAIGN, "second.vast": CAMPAIGN}.items():
+            (place / name).write_text(text.replace("NUMBER_HERE", str(number)))
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(read, [place / "first.vast", place / "second.vast"] * 2))
+        assert found == [(3, [0.1 + number / 1e6, 0.2 + number / 1e6])] * 4

@@ -14,7 +14,6 @@ from pathlib import Path
 import killed as proof
 import killed_life
 import killed_points
-import pyarrow.parquet as pq
 import pytest
 from prefect import Flow
 from prefect.settings import temporary_settings
@@ -116,27 +115,3 @@ def test_missing_server_is_reported_in_one_sentence(killed, lab, alone):
     assert "start it (`prefect server start`), or unset PREFECT_API_URL; `vastflow run" in life.words()
     assert "Traceback" not in life.words()
     assert place.directories() == []
-
-
-OTHER = """\
-- name: more
-  variations:
-  - ParameterVariationList: {name: first, values: [31, 32]}
-  - ParameterVariationList: {name: second, values: [41]}
-execution:"""
-
-
-def test_concurrent_campaigns_on_one_store_have_unchanged_results(killed, lab, alone):
-    text = lab.campaign.read_text()
-    other = lab.folder / "other.vast"
-    other.write_text(text.replace("execution:", OTHER).replace("name: killed", "name: other"))
-    together = killed.Place(lab, "together")
-    lives = [together.begin(), together.begin(campaign=other)]
-    assert [life.end() for life in lives] == [0, 0], [life.words() for life in lives]
-    mine, others = together.directories()
-    assert killed.differing(alone[0].files, killed.digests(mine)) == ""
-    assert len(pq.read_table(others / "runs.parquet")) == (CONFIGURATIONS + 2) * killed.RUNS
-    store = killed.open_store(together.store)
-    assert [store.fault(holding.key) for holding in store.holdings() if store.fault(holding.key)] == []
-    # Blocks are cut by what runs cost, so that not each key of one campaign is one of the other.
-    assert all(alone[0].artifacts.get(key, content) == content for key, content in killed.stored(store).items())

@@ -148,15 +148,3 @@ def test_oracles_take_size_of_robot(system, inscribed_m, circumscribed_m):
     task = {"start_pose": {"x": 0.0, "y": 0.0}, "goal_pose": {"x": 1.0, "y": 0.0}}
     found = situation_of(Scenario("builtin:navigate_to_pose", 60.0, {}, task, system))
     assert (found.inscribed_radius_m, found.circumscribed_radius_m) == pytest.approx((inscribed_m, circumscribed_m))
-
-
-def test_validate_says_that_polygon_replaces_robot_radius(campaign):
-    said = called("validate", campaign(nav2=f'footprint: "{SQUARE}", robot_radius: 0.3')).stdout
-    assert (
-        "warning: local_costmap.local_costmap.robot_radius: expected the polygon footprint replaces it, got 0.3, which has no effect"
-        in said
-    )
-    said = called(
-        "validate", campaign(nav2=f'footprint: "{SQUARE}"', parameters="local_costmap.robot_radius: 0.3")
-    ).stdout
-    assert "'local_costmap.robot_radius' has no effect; the polygon footprint replaces it" in said

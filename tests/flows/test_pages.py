@@ -225,22 +225,16 @@ def test_key_of_any_name_is_valid(name):
     assert set(key) <= set("abcdefghijklmnopqrstuvwxyz0123456789-")
 
 
-@pytest.fixture
-def passes():
-    """Whether the API's handler takes a record of a logger and level."""
-    logger = logging.getLogger(TASK_RUNS)
-    handler = APILogHandler()
-    logger.addHandler(handler)
-    yield lambda name, level: bool(handler.filter(logging.LogRecord(name, level, "", 0, "said", (), None)))
-    logger.removeHandler(handler)
+def test_task_runs_send_only_warnings_and_nothing_of_ended_campaign(monkeypatch):
+    def passes(name, level):
+        return bool(handler.filter(logging.LogRecord(name, level, "", 0, "said", (), None)))
 
-
-def test_task_runs_send_only_warnings_and_nothing_of_ended_campaign(passes):
+    logger, handler = logging.getLogger(TASK_RUNS), APILogHandler()
+    monkeypatch.setattr(logger, "handlers", [handler])
     with quiet_task_runs(SimpleNamespace(closed=False), "x"):
         sent = [passes(TASK_RUNS, level) for level in (logging.INFO, logging.WARNING)]
         assert (sent, passes("prefect.flow_runs", logging.INFO)) == ([False, True], True)
     assert passes(TASK_RUNS, logging.INFO)
-    logger = logging.getLogger(TASK_RUNS)
     with quiet_task_runs(SimpleNamespace(closed=True), "x"):
         said = [bool(logger.filter(logging.makeLogRecord({"flow_run_id": each, "msg": "x"}))) for each in ("x", "y")]
     assert said == [False, True]

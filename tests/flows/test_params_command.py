@@ -116,24 +116,20 @@ def test_campaign_keeps_parameter_file_and_validate_reports_it(campaign, tmp_pat
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def note(k, kind="not modeled"):
-    return Fault(Place("nav2.yaml", k, 1, f"p{k}"), "not modeled", kind=kind)
+def note(k, kind="not modeled", file="nav2.yaml"):
+    return Fault(Place(file, k, 1, f"p{k}"), "why", kind=kind)
 
 
-def test_terminal_lines_count_unmodeled_parameters_beyond_a_few_and_keep_warnings():
+def test_terminal_lines_count_unmodeled_parameters_and_warnings_of_floor_plan_beyond_a_few():
     assert len(list(terminal_lines([note(k) for k in range(MOST_OF_A_FILE)]))) == MOST_OF_A_FILE
     notes = [note(k) for k in range(200)] + [note(300, "warning"), note(301, "not executed")]
     lines = list(terminal_lines(notes))
     assert lines[:2] == [str(note(300, "warning")), str(note(301, "not executed"))]
     assert lines[2:-1] == [str(note(k)) for k in range(3)]
     assert lines[-1] == "nav2.yaml: and 197 more that are not modeled; `vastflow params nav2.yaml` shows them all"
-
-
-def test_terminal_lines_count_warnings_of_floor_plan_beyond_a_few():
-    def note(file, k):
-        return Fault(Place(file, k, 1, f"Entryway d{k}"), "it cuts nothing", kind="warning")
-
-    lines = list(terminal_lines([note(file, k) for k in range(1, 10) for file in ("a.vast", "rooms.fpm")]))
-    assert [line for line in lines if line.startswith("a.vast")] == [str(note("a.vast", k)) for k in range(1, 10)]
+    files = ("a.vast", "rooms.fpm")
+    lines = list(terminal_lines([note(k, "warning", file) for k in range(1, 10) for file in files]))
+    of_campaign = [line for line in lines if line.startswith("a.vast")]
+    assert of_campaign == [str(note(k, "warning", "a.vast")) for k in range(1, 10)]
     assert len(lines) == 9 + 4
     assert lines[-1] == "rooms.fpm: and 6 more warnings; `vastflow floorplan geometry rooms.fpm` shows them all"

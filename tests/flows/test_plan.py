@@ -35,13 +35,9 @@ FAMILY = """\
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory, one_server, tree):
-    folder = tmp_path_factory.mktemp("dry")
-    laid_out(folder, "dry", [0.6])
-    with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(prepared, "installed_tree", lambda: tree)
-        patch.setattr(plans, "installed_tree", lambda: tree)
-        yield folder
+def place(flow_folder):
+    laid_out(flow_folder, "dry", [0.6])
+    return flow_folder
 
 
 @pytest.fixture(scope="module")

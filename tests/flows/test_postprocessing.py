@@ -59,11 +59,6 @@ class Leaves:
 class Forgets:
     def __call__(self, results_dir, config_dir):
         ...
-
-
-class Exits:
-    def __call__(self, results_dir, config_dir):
-        raise SystemExit(0)
 """
 HELPER = "def length(file):\n    return len(file.read_text())\n"
 SCRIPT = '#!/bin/sh\necho "$1" > "$2/note.txt"\ncat "$2"/*/*/length.txt > lengths.txt 2>/dev/null\nexit $1\n'
@@ -131,7 +126,6 @@ def test_plug_in_works_on_a_copy_and_writes_below_one_folder(campaign):
         ("measure/plug.py:Raises", "RuntimeError: out of ideas"),
         ("measure/plug.py:Refuses", "nothing to do"),
         ("measure/plug.py:Leaves", "its process ended with code 0 without an answer: about to leave"),
-        ("measure/plug.py:Exits", "its process ended with code 0 without an answer"),
         ("measure/plug.py:Forgets", "TypeError: expected (done, message), such as (True, 'wrote 3 files'), got None"),
         ({"measure/plug.py:Raises": {"speed": 1}}, "TypeError: Raises.__call__() got an unexpected keyword"),
         ("measure/gone.py:Raises", "got 'measure/gone.py:Raises', and there is no such file"),

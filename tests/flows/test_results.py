@@ -60,9 +60,6 @@ def written(path, root, found, report=lambda directory: None):
 )
 def test_joined_blocks_have_equal_bytes_for_any_cut(blocking):
     assert one_block(blocks_of(*blocking), 5) == write_recordings([recording(k) for k in range(5)])
-
-
-def test_joined_blocks_are_empty_without_wanted_runs():
     assert (one_block(blocks_of(range(5, 8)), 5), one_block([], 5)) == (b"", b"")
 
 

@@ -60,10 +60,14 @@ def test_imports_load_nothing_heavy(small_room, statement, unwanted):
     assert (done.stdout, done.stderr) == ("\n", "")
 
 
-def test_request_survives_json(tmp_path):
-    request = request_of(tmp_path / "x.vast", {"runs": 3, "only": "hall", "cluster": "tcp://lab:8786"})
-    assert RunRequest.model_validate_json(request.model_dump_json()) == request
-    assert (request.only, request.cluster) == (("hall",), "tcp://lab:8786")
+def test_request_takes_name_client_or_scheduler_file_and_survives_json(tmp_path):
+    file = tmp_path / "scheduler.json"
+    file.write_text("{}")
+    client = SimpleNamespace(scheduler=SimpleNamespace(address="tls://lab:1"))
+    for cluster, address in ((client, "tls://lab:1"), (file, str(file)), ("local:3", "local:3")):
+        request = request_of(tmp_path / "x.vast", {"runs": 3, "only": "hall", "cluster": cluster})
+        assert RunRequest.model_validate_json(request.model_dump_json()) == request
+        assert (request.only, request.cluster) == (("hall",), address)
 
 
 def test_command_python_call_and_flow_take_the_fields_of_a_request():
@@ -90,15 +94,6 @@ def test_command_python_call_and_flow_take_the_fields_of_a_request():
 def test_request_refuses_wrong_option(options, error, words):
     with pytest.raises(error, match=words):
         run_campaign("x.vast", **options)
-
-
-def test_cluster_may_be_client_or_scheduler_file(tmp_path):
-    (tmp_path / "scheduler.json").write_text("{}")
-    client = SimpleNamespace(scheduler=SimpleNamespace(address="tls://lab:1"))
-    asked = [
-        request_of("x.vast", {"cluster": each}).cluster for each in (client, tmp_path / "scheduler.json", "local:3")
-    ]
-    assert asked == ["tls://lab:1", str(tmp_path / "scheduler.json"), "local:3"]
 
 
 def deployed(file, *options):

@@ -12,7 +12,6 @@ from vastflow.flows import run_campaign
 from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.plan.text import plan_json, plan_text
 from vastflow.flows.results.past import past_of
-from vastflow.flows.run import prepared
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -37,6 +36,7 @@ scenario kind:
     do serial:
         run_process("sh kind.sh " + kind)
 """
+PROGRAM = "printf 'kind\\n%s\\n' \"$1\" > kind.csv\n"
 ORACLE = """
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
@@ -59,15 +59,11 @@ ENDS = {"passes": 14, "fails": 14, "flaky": 10, "open": 20}
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory, one_server, tree):
-    folder = tmp_path_factory.mktemp("kinds")
-    (folder / "campaign").mkdir()
-    (folder / "campaign" / "kind.osc").write_text(SCENARIO)
-    (folder / "campaign" / "kind.sh").write_text("printf 'kind\\n%s\\n' \"$1\" > kind.csv\n")
-    (folder / "campaign" / "own.py").write_text(ORACLE)
-    with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(prepared, "installed_tree", lambda: tree)
-        yield folder
+def place(flow_folder):
+    (flow_folder / "campaign").mkdir()
+    for name, text in (("kind.osc", SCENARIO), ("kind.sh", PROGRAM), ("own.py", ORACLE)):
+        (flow_folder / "campaign" / name).write_text(text)
+    return flow_folder
 
 
 def file_of(place, runs, kinds=KINDS):
@@ -132,12 +128,6 @@ def test_sequential_campaign_ends_where_the_rule_decides(first):
     assert (said["asked"]["runs"], said["counts"]["runs"]) == (20, 58)
     past = past_of(first.directory)
     assert ([past.runs_of(name) for name in past.by_name], past.runs) == (list(ENDS.values()), 20)
-
-
-def test_verdicts_are_equal_for_any_workers(first, run):
-    alone = run(store="alone", workers=1)
-    assert alone.summary.executed == 58
-    assert judgements_of(alone) == judgements_of(first)
 
 
 def test_runs_of_fixed_campaign_are_reused(first, run, monkeypatch):

@@ -12,7 +12,6 @@ from bench_pipeline import SCENARIO
 from table import each_row
 
 from vastflow.flows import execute, instantiate, judge, observe, run_campaign
-from vastflow.flows.stages import api as stages
 from vastflow.oracles.statistics.intervals import Counts
 from vastflow.sim.model.faults import FileError, UserError
 from vastflow.tasks.store.store import Lost
@@ -63,14 +62,10 @@ class Even(Oracle[EvenParameters]):
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory, one_server, tree):
-    folder = tmp_path_factory.mktemp("stages")
-    (folder / "nothing.osc").write_text(SCENARIO)
-    (folder / "small.vast").write_text(CAMPAIGN)
-    (folder / "own.py").write_text(ORACLE)
-    with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stages, "installed_tree", lambda: tree)
-        yield folder
+def place(flow_folder):
+    for name, text in (("nothing.osc", SCENARIO), ("small.vast", CAMPAIGN), ("own.py", ORACLE)):
+        (flow_folder / name).write_text(text)
+    return flow_folder
 
 
 @pytest.fixture(scope="module")
