@@ -120,9 +120,7 @@ def test_explain_refuses_wrong_arguments(ran, small_room, tmp_path):
     for arguments, words in [
         ((directory, "room-3"), "expected the name of a configuration, got 'room-3'; did you mean 'room-"),
         ((directory, "x"), "got 'x'; known: room-1, room-2"),
-        ((tmp_path / "nowhere", "room-1"), "no such folder"),
         ((small_room, "room-1"), "expected a campaign directory to explain CONFIGURATION, got a file"),
-        ((directory.parent, "room-1"), "holds 1 campaign directories"),
         ((directory, "room-1", "--since", tmp_path), "--since "),
         ((directory, "room-1", "--store", "nowhere://x"), "nowhere"),
     ]:

@@ -190,14 +190,8 @@ def test_export_takes_patterns_of_families_and_configurations(results, tmp_path)
 def test_export_names_scenario_as_in_its_file(small_room, tmp_path):
     text = "import osc.helpers\n\nscenario patrol:\n    do serial:\n        wait elapsed(1s)\n"
     small_room.with_name("rounds.osc").write_text(text)
-    edited = small_room.read_text().replace("execution:\n", "execution:\n  scenario_file: rounds.osc\n")
-    for line in (
-        "map_file: room.yaml",
-        "start_pose: {x: 1.0, y: 1.0, yaw: 0.0}",
-        "goal_pose: {x: 3.0, y: 1.0, yaw: 0.0}",
-    ):
-        edited = edited.replace(f"      - {line}\n", "")
-    small_room.write_text(edited.replace("    parameters:\n", ""))
+    families = "configuration: [{name: room-1}]\nexecution: {scenario_file: rounds.osc, runs: 2}\n"
+    small_room.write_text(f"version: 1\nmetadata: {{name: small_room}}\n{families}")
     export(campaign_directory(small_room, tmp_path / "results", whole()), tmp_path / "out")
     assert list(yaml.safe_load((tmp_path / "out/room-1/scenario.config").read_text())) == ["patrol"]
     header, root, *_ = map(json.loads, (tmp_path / "out/room-1/0/behaviors.jsonl").read_text().splitlines())

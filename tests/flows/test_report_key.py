@@ -73,7 +73,6 @@ CHANGES = {
     "a rule by which runs ended": of_metadata(**{SEQUENTIAL: {"min": 5, "max": 20}}),
     "the verdicts of one configuration": lambda asked: {"contents": [["verdicts/a", "?"], asked["contents"][1]]},
     "the order of configurations": lambda asked: {"contents": asked["contents"][::-1]},
-    "a configuration more": lambda asked: {"contents": [*asked["contents"], ["verdicts/c", "content of c"]]},
     "runs": lambda asked: {"runs": 3},
     "runs of one configuration": lambda asked: {"runs": {"room-1": 2, "room-2": 3}},
     "an oracle": lambda asked: {"oracles": [*asked["oracles"], oracle_of("safety", {})]},

@@ -12,17 +12,8 @@ from bench_pipeline import SCENARIO, bench_pipeline, campaign_text
 
 from vastflow.flows import run_campaign
 
-MUTANTS = {
-    "vast": 25,
-    "osc": 40,
-    "fpm": 40,
-    "variation": 30,
-    "map": 100,
-    "picture": 150,
-    "nav2": 40,
-    "notebook": 150,
-    "directory": 12,
-}
+FEW = {"vast": 25, "osc": 40, "fpm": 40, "variation": 30, "nav2": 40, "directory": 12}
+MUTANTS = {**FEW, "map": 100, "picture": 150, "notebook": 150}
 
 
 @pytest.fixture(scope="module")

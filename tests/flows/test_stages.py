@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from bench_pipeline import SCENARIO
-from table import each_row
 
 from vastflow.flows import execute, instantiate, judge, observe, run_campaign
 from vastflow.oracles.statistics.intervals import Counts
@@ -163,16 +162,9 @@ def test_judge_by_other_parameters_executes_nothing_and_returns_faults(place, tr
     assert repr(verdicts).endswith("judged by success, own.py:Even, 3 faults>")
 
 
-@each_row(
-    ("oracles", "said"),
-    [
-        (["saftey"], r"small\.vast:1:1: oracles\[0\]: no oracle 'saftey'; did you mean 'safety'"),
-        (["success", {"own.py:Even": {"rest": 1}}], r"oracles\[1\]\.rest: unknown key 'rest'"),
-    ],
-)
-def test_judge_refuses_unknown_oracle_with_its_place(traces, oracles, said):
-    with pytest.raises(FileError, match=said):
-        judge(traces, oracles=oracles)
+def test_judge_refuses_unknown_parameter_of_oracle_with_its_place(traces):
+    with pytest.raises(FileError, match=r"small\.vast:1:1: oracles\[1\]\.rest: unknown key 'rest'"):
+        judge(traces, oracles=["success", {"own.py:Even": {"rest": 1}}])
 
 
 def test_stages_report_deleted_artifacts_as_lost(place, configurations, tmp_path):
@@ -197,16 +189,8 @@ def test_examples_of_page_run_in_plain_script(tmp_path, prefect_home):
     (tmp_path / "examples.py").write_text("\n".join(examples))
     home = {"PREFECT_HOME": str(prefect_home(tmp_path / "prefect"))}
     environment = {**os.environ, **home, "VASTFLOW_STORE": str(tmp_path / "store")}
-    done = subprocess.run(
-        [sys.executable, "examples.py"],
-        check=False,
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+    places = {"cwd": tmp_path, "env": environment}
+    done = subprocess.run([sys.executable, "examples.py"], check=False, capture_output=True, text=True, **places)
+    assert (done.returncode, done.stderr) == (0, "")
     assert "<quickstart: 12 configurations × 2 runs, judged by success, performance, safety>" in done.stdout
     assert "of 24 runs passed" in done.stdout
