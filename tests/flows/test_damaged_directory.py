@@ -91,16 +91,11 @@ OTHER_ROWS = [
 def test_past_rejects_invalid_rows_with_place(directory, file, column, value):
     if file == "runs.parquet":
         pq.write_table(pa.table({"configuration": ["room-1"], "run_index": [0]}), directory / file)
-    rewrite(directory / file, column, value)
+    table = pq.read_table(directory / file)
+    values = pa.array([value] * len(table))
+    pq.write_table(table.set_column(table.schema.get_field_index(column), column, values), directory / file)
     with pytest.raises(UnusableDirectory, match=rf"damaged campaign directory: {file}: 0\.{column}"):
         past_of(directory)
-
-
-def rewrite(file, column, value):
-    """Write a table anew with one value in all rows of a column."""
-    table = pq.read_table(file)
-    values = pa.array([value] * len(table))
-    pq.write_table(table.set_column(table.schema.get_field_index(column), column, values), file)
 
 
 @pytest.mark.parametrize("error", [NotImplementedError, pa.ArrowInvalid, pa.ArrowKeyError, TypeError, OSError])

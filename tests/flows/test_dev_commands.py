@@ -22,7 +22,6 @@ class Became(Exception):
     ("command", "script"),
     [
         ("paper here there", "paper_page.py here there"),
-        ("bench sim", "bench_simulator.py"),
         ("bench sim --controller dwb --profile --json", "bench_simulator.py --controller dwb --profile --json"),
         ("bench pipeline --configurations 6 --help", "bench_pipeline.py --configurations 6 --help"),
     ],

@@ -19,7 +19,7 @@ from vastflow.tasks.store.store import open_store
 
 VAST = f"""{SMALL_ROOM.partition("variations:")[0].replace("room.yaml", "maps/room.yaml")}variations:
       - own.py:Own: {{}}
-execution: {{runs: 1, nav2_params: OFOLDERmy_pursuit.yaml}}
+execution: {{runs: 1, nav2_params: my_pursuit.yaml}}
 evaluation: {{oracles: [OFOLDERown_oracle.py:Limited]}}
 """
 PRODUCER = """
@@ -79,7 +79,7 @@ def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, s
         judges / "limits.py": "LIMIT = 1\n",
         judges / "data" / "limit.json": "1",
         judges / ".." / "shared.json": "2",
-        **{judges / name: text for name, text in CONTROLLER.items()},
+        **{home / name: text for name, text in CONTROLLER.items()},
     }.items():
         file.parent.mkdir(parents=True, exist_ok=True)
         file.resolve().write_text(text)
@@ -93,7 +93,7 @@ def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, s
     assert str(note).endswith("is in no key: an edit of it goes unnoticed; a parameter is noticed")
     bundle = Packer(store := open_store(tmp_path / "store")).packed(scenarios_of(campaign))
     (home / "lib" / "values.py").write_text("VALUES = [0.5]\n")  # while it runs
-    (judges / "my_pursuit.py").resolve().write_text("raise SystemExit\n")
+    (home / "my_pursuit.py").write_text("raise SystemExit\n")
     inputs = inputs_of(campaign, oracles)
     directory = tmp_path / "results"
     directory.mkdir()
@@ -102,8 +102,6 @@ def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, s
     kept = {path.name for path in (directory / "inputs").rglob("*") if path.is_file()}
     assert {"own.py", "own_oracle.py", "limits.py", "limit.json", "shared.json"} <= kept
     assert "not_used.py" not in kept
-    (controller,) = (directory / "inputs").rglob("my_pursuit.py")
-    assert controller.read_text() == CONTROLLER["my_pursuit.py"] and controller.with_suffix(".yaml").is_file()
     shutil.rmtree(tmp_path / "all")
     shutil.rmtree(tmp_path / "cache")
     assert controllers(bundle.opened(store)) == {"PurePursuit"}
@@ -118,6 +116,17 @@ def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, s
         replica(directory, Asked("x.vast", 1, (), inputs.places)),
     ):
         pass
+
+
+def test_inputs_have_controller_beside_parameter_file_of_other_folder(small_room, tmp_path):
+    for name, text in CONTROLLER.items():
+        (tmp_path / name).write_text(text)
+    small_room.write_text(f"{small_room.read_text()}  nav2_params: ../my_pursuit.yaml\n")
+    campaign, oracles = read_campaign(small_room)
+    (tmp_path / "my_pursuit.py").write_text("raise SystemExit\n")  # while it runs
+    inputs_of(campaign, oracles).write(tmp_path)
+    (kept,) = (tmp_path / "inputs").rglob("my_pursuit.py")
+    assert kept.read_text() == CONTROLLER["my_pursuit.py"] and kept.with_suffix(".yaml").is_file()
 
 
 @pytest.mark.parametrize(("file", "place"), [("c.vast", "{}/away"), ("{}/away", "x")])

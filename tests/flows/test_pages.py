@@ -167,16 +167,12 @@ def test_page_tells_pace_and_workers_of_cluster(client, clock):
     assert tables == [("create", "two-rooms-workers", json.dumps(rows), "Workers of the cluster: 2 running, 1 paused")]
 
 
-@pytest.fixture
-def finished(monkeypatch):
+def test_publish_shows_results_and_report_and_tolerates_refusing_api(client, monkeypatch, caplog):
     monkeypatch.setattr(pages, "flow_run", SimpleNamespace(id=FLOW_RUN))
     monkeypatch.setattr(pages, "get_run_logger", lambda: pages.LOGGER)
     monkeypatch.setattr(pages, "result_rows", lambda found: [{"family": "room", "runs": 4}])
     summary = Summary(2, 0, 0, 4, 4, 0, 3, 1, 0, 10.0, 1.0, 1.0, "results/x-1", {})
-    return Results(Path("results/x-1"), summary, (), ())
-
-
-def test_publish_shows_results_and_report_and_tolerates_refusing_api(client, finished, caplog):
+    finished = Results(Path("results/x-1"), summary, (), ())
     publish(finished, "Two rooms")
     outcome = outcome_text(finished)
     assert outcome == ("2 configurations × 2 runs: 3 passed, 1 failed, 0 not judged; 4 runs executed, 0 from the store")

@@ -90,19 +90,13 @@ def test_params_prints_json(nav2):
     assert found["nodes_left_away"] == ["collision_monitor"]
 
 
-@pytest.fixture
-def campaign(small_room, nav2):
-    nav2.rename(small_room.with_name("nav2.yaml"))
+def test_campaign_keeps_parameter_file_and_validate_reports_it(small_room, nav2, tmp_path, monkeypatch):
+    file = nav2.rename(small_room.with_name("nav2.yaml"))
     small_room.write_text(f"{small_room.read_text()}  nav2_params: nav2.yaml\n")
-    return small_room
-
-
-def test_campaign_keeps_parameter_file_and_validate_reports_it(campaign, tmp_path, monkeypatch):
-    file = campaign.with_name("nav2.yaml")
-    found = inputs_of(*read_campaign(campaign))
+    found = inputs_of(*read_campaign(small_room))
     assert found.files["nav2.yaml"] == NAV2.encode()
     assert (set(found.files), len(found.maps)) == ({"nav2.yaml", "room.yaml", "room.pgm"}, 1)
-    result = called("validate", campaign)
+    result = called("validate", small_room)
     assert result.exit_code == 0
     assert f"{file}:12:14: velocity_smoother.mystery: not modeled\n" in result.stdout
     assert result.stdout.endswith("OK: 1 family, 1 producer, 1 oracle\n")
@@ -110,7 +104,7 @@ def test_campaign_keeps_parameter_file_and_validate_reports_it(campaign, tmp_pat
     file.write_text(NAV2.replace("_vel: 1", "_vel: -1"))
     before = sorted(tmp_path.rglob("*"))
     for command in ("validate", "run"):
-        said = refused(command, campaign)
+        said = refused(command, small_room)
         assert "nav2.yaml:7:27: controller_server.ros__parameters.FollowPath.desired_linear_vel: " in said
         assert "got -1" in said
     assert sorted(tmp_path.rglob("*")) == before
