@@ -1,10 +1,9 @@
 """Concurrent calls in one process that load the same plug-ins and scenarios."""
 
-import asyncio
 import json
 from concurrent.futures import ThreadPoolExecutor
 
-import pytest
+from room import SMALL_ROOM, drawn_room
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
@@ -15,8 +14,6 @@ SLOW = "import time; time.sleep(0.02)  # as a plug-in that imports large librari
 CELL = "from helper import NUMBER\nverdicts = [{'run_index': i, 'judgement': 'pass'} for i in runs['run_index'].to_pylist()]"
 CODE_CELL = {"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": CELL}
 FILES = {
-    "room.pgm": "P2 60 60 255\n" + "\n".join("0" if {x, y} & {0, 59} else "254" for x in range(60) for y in range(60)),
-    "room.yaml": "{image: room.pgm, resolution: 0.05, origin: [0.0, 0.0, 0.0]}",
     "noise.txt": "0.1 0.2",
     "helper.py": f"{SLOW}NUMBER = NUMBER_HERE\n",
     "own.py": f"""{SLOW}
@@ -57,18 +54,11 @@ scenario number_NUMBER_HERE:
         robot.nav_to_pose(goal_pose)
 """,
 }  # fmt: skip
-CAMPAIGN = """
-version: 1
-configuration:
-  - name: room
-    parameters:
-      - map_file: room.yaml
-      - start_pose: {x: 1.0, y: 1.0, yaw: 0.0}
-      - goal_pose: {x: 1.5, y: 1.0, yaw: 0.0}
-    variations: [own.py:Own: {}]
+OWN = """variations: [own.py:Own: {}]
 execution: {scenario_file: own.osc, runs: 1}
 evaluation: {oracles: [own.py:Judge, own.ipynb]}
 """
+CAMPAIGN = SMALL_ROOM.partition("variations:")[0] + OWN
 
 
 def read(file):
@@ -77,50 +67,16 @@ def read(file):
     return len(oracles), [each.scenario.system[NOISE] for each in instantiate(campaign).configurations]
 
 
-def in_threads(files):
-    with ThreadPoolExecutor(len(files)) as pool:
-        return list(pool.map(read, files))
-
-
-def by_to_thread(files):
-    async def gathered():
-        return await asyncio.gather(*(asyncio.to_thread(read, file) for file in files))
-
-    return asyncio.run(gathered())
-
-
-def in_prefect_tasks(files):
-    from prefect import flow, task
-    from prefect.cache_policies import NO_CACHE
-
-    @flow(name="calls")
-    def several():
-        one = task(read, name="call", cache_policy=NO_CACHE)
-        return [each.result() for each in [one.submit(file) for file in files]]
-
-    return several()
-
-
-def check(folder, way, rounds):
-    """Read two new files four times at once, so that nothing of them is loaded yet."""
-    for number in range(rounds):
-        place = folder / f"round-{number}"
-        place.mkdir()
-        for name, text in {**FILES, "first.vast": CAMPAIGN, "second.vast": CAMPAIGN}.items():
-            (place / name).write_text(text.replace("NUMBER_HERE", str(number)))
-        found = way([place / "first.vast", place / "second.vast"] * 2)
-        assert found == [(3, [0.1 + number / 1e6, 0.2 + number / 1e6])] * 4
-
-
-@pytest.mark.parametrize("way", [in_threads, by_to_thread])
-def test_threads_load_shared_plug_ins_and_scenarios_without_failures(tmp_path, monkeypatch, way):
+def test_threads_load_shared_plug_ins_and_scenarios_without_failures(tmp_path, monkeypatch):
+    """Two new files are read four times at once, so that nothing of them is loaded yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     grammar._parser.cache_clear()
     declaring._library.cache_clear()
-    check(tmp_path, way, rounds=3)
-
-
-@pytest.mark.timeout(300)
-def test_prefect_tasks_load_shared_plug_ins_without_failures(tmp_path, started_api):
-    with started_api(tmp_path / "prefect", tmp_path / "log"):
-        check(tmp_path, in_prefect_tasks, rounds=2)
+    for number in range(3):
+        place = tmp_path / f"round-{number}"
+        drawn_room(place)
+        for name, text in {**FILES, "first.vast": CAMPAIGN, "second.vast": CAMPAIGN}.items():
+            (place / name).write_text(text.replace("NUMBER_HERE", str(number)))
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(read, [place / "first.vast", place / "second.vast"] * 2))
+        assert found == [(3, [0.1 + number / 1e6, 0.2 + number / 1e6])] * 4

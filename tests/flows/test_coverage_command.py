@@ -114,20 +114,10 @@ def test_coverage_refuses_other_files_and_damaged_directory(file, content, tmp_p
 
 
 @each_row(
-    ("place", "value"),
-    [
-        (("dimensions", "environment", "combinations"), "many"),
-        (("dimensions", "environment", "factors"), [["map_file"]]),
-        (("t_way", "pairs_not_listed"), {}),
-    ],
+    ("part", "key", "value"), [("environment", "combinations", "many"), ("environment", "factors", [["map_file"]])]
 )
-def test_show_coverage_reports_damaged_values(directory, expected, place, value):
+def test_show_coverage_reports_damaged_values(directory, expected, part, key, value):
     damaged = json.loads(json.dumps(expected))
-    *path, last = place
-    part = next(iter(damaged["families"].values()))
-    for key in path:
-        part = part[key]
-    assert last in part or last == "pairs_not_listed"
-    part[last] = value
+    damaged["families"]["room"]["dimensions"][part][key] = value
     (directory / "coverage.json").write_text(json.dumps(damaged))
     assert "damaged campaign directory" in refused("show", directory, "--coverage")

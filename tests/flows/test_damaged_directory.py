@@ -45,24 +45,16 @@ def test_export_does_without_campaign_file(directory, tmp_path):
     assert called("export", directory, tmp_path / "out").exit_code == 0
 
 
-def test_past_reads_whole_directory(directory):
-    assert list(past_of(directory).by_name) == ["room-1", "room-2"]
-    assert newest_past(directory.parent, "small_room").directory == directory
-
-
 OTHER_METADATA = {
     "name": (["name"], 7),
     "created": (["created"], 20261121),
-    "numeric_class": (["numeric_class"], 4),
     "seed": (["seed"], "none"),
     "code.observe": (["code", "observe"], []),
     "code.judge.files": (["code", "judge"], {"libraries": {}}),
     "code.execute.libraries.numpy": (["code", "execute", "libraries", "numpy"], 2),
     "code: has no changed": (["oracles", 0, "source"], "changed"),
     "oracles.0.name": (["oracles", 0, "name"], None),
-    "oracles": (["oracles"], {}),
     "producers": (["producers"], [1]),
-    "asked.runs": (["asked", "runs"], "2"),
     "asked.only": (["asked", "only"], 5),
 }
 
@@ -91,9 +83,6 @@ OTHER_ROWS = [
     (CONFIGURATIONS, "provenance", "{"),
     (CONFIGURATIONS, "steps", '[{"producer": 1, "keys": []}]'),
     (CONFIGURATIONS, "abstract", None),
-    (CONFIGURATIONS, "timeout_s", "soon"),
-    ("runs.parquet", "configuration", None),
-    ("runs.parquet", "run_index", "first"),
     ("runs.parquet", "run_index", -1),
 ]
 
@@ -102,36 +91,14 @@ OTHER_ROWS = [
 def test_past_rejects_invalid_rows_with_place(directory, file, column, value):
     if file == "runs.parquet":
         pq.write_table(pa.table({"configuration": ["room-1"], "run_index": [0]}), directory / file)
-    rewrite(directory / file, column, value)
+    table = pq.read_table(directory / file)
+    values = pa.array([value] * len(table))
+    pq.write_table(table.set_column(table.schema.get_field_index(column), column, values), directory / file)
     with pytest.raises(UnusableDirectory, match=rf"damaged campaign directory: {file}: 0\.{column}"):
         past_of(directory)
 
 
-def test_past_rejects_table_without_its_columns(directory):
-    pq.write_table(pa.table({"other": [1]}), directory / "runs.parquet")
-    words = r"damaged campaign directory: runs\.parquet: 0\.configuration: Field required"
-    with pytest.raises(UnusableDirectory, match=words):
-        past_of(directory)
-
-
-def rewrite(file, column, value):
-    """Write a table anew with one value in all rows of a column."""
-    table = pq.read_table(file)
-    values = pa.array([value] * len(table))
-    pq.write_table(table.set_column(table.schema.get_field_index(column), column, values), file)
-
-
-PYARROW = (
-    pa.ArrowNotImplementedError,
-    pa.ArrowInvalid,
-    pa.ArrowKeyError,
-    pa.ArrowTypeError,
-    pa.ArrowIndexError,
-    OSError,
-)
-
-
-@pytest.mark.parametrize("error", PYARROW)
+@pytest.mark.parametrize("error", [pa.ArrowNotImplementedError, pa.ArrowKeyError, TypeError, OSError])
 @pytest.mark.parametrize("command", ["show", "compare", "plan", "plan --since"])
 def test_commands_report_damaged_table(directory, small_room, tmp_path, monkeypatch, command, error):
     def damaged(*_, **__):

@@ -36,14 +36,6 @@ def test_campaigns_that_start_in_one_second_get_two_directories(tmp_path):
     assert all(d.final.is_dir() for d in (first, second, third))
 
 
-@each_row("error", [RuntimeError, KeyboardInterrupt])
-def test_interrupted_directory_leaves_nothing(tmp_path, error):
-    with pytest.raises(error), new_directory(tmp_path, "c", CREATED) as directory:
-        (directory.partial / "a").write_text("x")
-        raise error
-    assert list(tmp_path.iterdir()) == []
-
-
 @each_row("code", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO])
 def test_full_or_broken_disk_is_reported_and_leaves_no_half_directory(tmp_path, code):
     words = rf"results: can't write to '{tmp_path}' \({os.strerror(code)}\); make room there or .*--results; what was computed"
@@ -53,11 +45,12 @@ def test_full_or_broken_disk_is_reported_and_leaves_no_half_directory(tmp_path, 
     assert list(tmp_path.iterdir()) == []
 
 
-@each_row("error", [StoreError("store: can't read"), FileNotFoundError(errno.ENOENT, "x"), OSError("y")])
-def test_errors_other_than_the_disks_are_raised_unchanged(tmp_path, error):
-    with pytest.raises(type(error)) as raised, new_directory(tmp_path, "c", CREATED):
+@each_row("error", [KeyboardInterrupt(), StoreError("can't read"), FileNotFoundError(errno.ENOENT, "x"), OSError("y")])
+def test_errors_other_than_the_disks_are_raised_unchanged_and_leave_nothing(tmp_path, error):
+    with pytest.raises(type(error)) as raised, new_directory(tmp_path, "c", CREATED) as directory:
+        (directory.partial / "a").write_text("x")
         raise error
-    assert raised.value is error
+    assert raised.value is error and list(tmp_path.iterdir()) == []
 
 
 def test_results_folder_deleted_while_it_is_written_is_reported(tmp_path):

@@ -5,7 +5,6 @@ import re
 import sys
 from types import SimpleNamespace
 
-import pytest
 from rich.console import Console
 
 from vastflow.flows.terminal.display import Display, view
@@ -95,25 +94,20 @@ def test_pace_covers_last_minute_of_phase():
     assert (pace.elapsed_s, pace.phase_s) == (4.0, 3.0)
 
 
-@pytest.fixture
-def lines():
-    """Returns the lines that a display without a terminal writes of reports at times (s)."""
-
-    def lines(*reports):
-        stream, clock = io.StringIO(), SimpleNamespace(now_s=0.0)
-        with Display(stream, lambda: clock.now_s) as display:
-            for now_s, report in reports:
-                clock.now_s = float(now_s)
-                if report is None:
-                    display._write_line_if_due()
-                else:
-                    display.update(report)
-        return stream.getvalue().splitlines()
-
-    return lines
+def lines(*reports):
+    """Return the lines that a display without a terminal writes of reports at times (s)."""
+    stream, clock = io.StringIO(), SimpleNamespace(now_s=0.0)
+    with Display(stream, lambda: clock.now_s) as display:
+        for now_s, report in reports:
+            clock.now_s = float(now_s)
+            if report is None:
+                display._write_line_if_due()
+            else:
+                display.update(report)
+    return stream.getvalue().splitlines()
 
 
-def test_plain_display_writes_fewer_lines_with_the_hours(lines):
+def test_plain_display_writes_fewer_lines_with_the_hours():
     assert len(lines(*((0.1 * k, progress(executed=k, runs_done=k)) for k in range(200)))) == 4
     assert 80 < len(lines(*((60 * k, progress(runs_done=k)) for k in range(600)))) < 250
     waiting = progress(executed=0, reused=0, runs_done=0)
@@ -121,10 +115,8 @@ def test_plain_display_writes_fewer_lines_with_the_hours(lines):
     assert sum("compiles its kernels" in line for line in said) == 4
 
 
-def test_plain_display_skips_short_phases_and_announces_start_of_prefect(lines):
-    assert (
-        lines(*((0.5 * k, progress(each)) for k, each in enumerate(("scanning", "instantiating", "reporting")))) == []
-    )
+def test_plain_display_skips_short_phases_and_announces_start_of_prefect():
+    assert lines((0.0, progress("scanning")), (0.5, progress("instantiating")), (1.0, progress("reporting"))) == []
     scanning, starting = (progress(phase, runs_total=0) for phase in ("scanning", "starting Prefect"))
     assert "5–12 s" in lines((0, scanning), (0.5, starting))[-1]
     assert "compiles its kernels" in lines((0, progress(executed=0, runs_done=0)), (30, None))[-1]

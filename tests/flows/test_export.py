@@ -19,8 +19,7 @@ from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.cli import export as export_command
-from vastflow.flows.export import export as layout
-from vastflow.flows.export.export import Exported, export
+from vastflow.flows.export.export import export
 from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, case_of, files_of
 from vastflow.oracles.judgement.verdict import Metric, Verdict
@@ -107,13 +106,12 @@ def results(small_room, tmp_path):
     return campaign_directory(small_room, tmp_path / "results", whole())
 
 
-@pytest.fixture
-def exported(results, tmp_path):
-    export(results, tmp_path / "out")
-    return tmp_path / "out"
-
-
-def test_exported_files_are_as_in_golden_file(exported, small_room, request):
+def test_exported_files_are_as_in_golden_file(results, small_room, tmp_path, monkeypatch, request):
+    monkeypatch.setattr(export_command, "PERIOD_S", 0.0)
+    exported = tmp_path / "out"
+    done = called("export", results, exported, "--only", "room*", "--only", "room-1")
+    assert (done.exit_code, done.stderr.splitlines()[-1]) == (0, "1 of 2 configurations exported")
+    assert done.stdout == f"2 configurations; 4 runs: 2 passed, 2 failed\nexported: {exported}\n"
     files = sorted(path for path in exported.rglob("*") if path.is_file())
     text = "".join(
         f"=== {path.relative_to(exported).as_posix()}\n"
@@ -157,40 +155,23 @@ def test_export_leaves_table_beside_file_of_its_name_as_parquet(small_room, tmp_
     assert pq.read_table(folder / "b.parquet").to_pydict() == {"n": [2]}
 
 
-@each_row(
-    ("verdicts", "faults", "tag", "message"),
-    [
-        (
-            (),
-            ["MemoryError: 3 GB"],
-            "error",
-            "success: fault in execute: MemoryError: 3 GB; safety: fault in execute: MemoryError: 3 GB",
-        ),
-        (
-            (Verdict("success", 0, "pass"), Verdict("safety", 0, "not judged", "there is no box")),
-            *((), "skipped", "not judged by safety: there is no box"),
-        ),
-        ((Verdict("success", 0, "fail", "late"),), (), "failure", "success: late"),
-    ],
-)
-def test_report_tells_failures_faults_and_missing_verdicts_apart(small_room, tmp_path, verdicts, faults, tag, message):
-    broken = [RunFault("room-1", 0, "execute", error) for error in faults]
-    found = ConfigurationResult(verdicts=verdicts, faults=broken)
-    export(campaign_directory(small_room, tmp_path / "results", found, ("success", "safety")), tmp_path / "out")
-    suite = ElementTree.parse(tmp_path / "out/room-1/0/test.xml").getroot()
-    counts = {kind: suite.get(kind) for kind in ("errors", "failures", "skipped")}
-    assert [kind for kind, count in counts.items() if count != "0"] == [{"skipped": "skipped"}.get(tag, f"{tag}s")]
-    assert suite.find(f"testcase/{tag}").get("message") == message
-    if faults:
-        assert [path.name for path in (tmp_path / "out/room-1/0").iterdir()] == ["test.xml"]
-
-
-def test_export_names_original_of_duplicate_and_has_no_runs_of_it(small_room, tmp_path):
+def test_export_tells_duplicates_faults_and_missing_verdicts_apart(small_room, tmp_path):
     small_room.write_text(small_room.read_text().replace("[0.0, 0.02]", "[0.0, 0.0]"))
-    done = export(campaign_directory(small_room, tmp_path / "results", whole()), tmp_path / "out")
+    verdicts = [Verdict("success", 0, "pass"), Verdict("safety", 0, "not judged", "there is no box")]
+    found = ConfigurationResult(verdicts=verdicts, faults=[RunFault("room-1", 1, "execute", "MemoryError: 3 GB")])
+    directory = campaign_directory(small_room, tmp_path / "results", found, ("success", "safety"))
+    said = called("export", directory, tmp_path / "out").stdout
+    assert "2 configurations, 1 equal to another; 2 runs: 0 passed, 0 failed, 1 broken, 1 not judged" in said
     assert sorted(path.name for path in (tmp_path / "out/room-2").iterdir()) == ["duplicate_of", "scenario.config"]
     assert (tmp_path / "out/room-2/duplicate_of").read_text() == "room-1\n"
-    assert (done.duplicates, [suite.name for suite in done.suites]) == (1, ["room-1"])
+    fault = "fault in execute: MemoryError: 3 GB"
+    for run, tag, message in (
+        (0, "skipped", "not judged by safety: there is no box"),
+        (1, "error", f"success: {fault}; safety: {fault}"),
+    ):
+        case = ElementTree.parse(tmp_path / f"out/room-1/{run}/test.xml").getroot().find(f"testcase/{tag}")
+        assert case.get("message") == message
+    assert [path.name for path in (tmp_path / "out/room-1/1").iterdir()] == ["test.xml"]
 
 
 def test_export_takes_patterns_of_families_and_configurations(results, tmp_path):
@@ -209,28 +190,13 @@ def test_export_takes_patterns_of_families_and_configurations(results, tmp_path)
 def test_export_names_scenario_as_in_its_file(small_room, tmp_path):
     text = "import osc.helpers\n\nscenario patrol:\n    do serial:\n        wait elapsed(1s)\n"
     small_room.with_name("rounds.osc").write_text(text)
-    edited = small_room.read_text().replace("execution:\n", "execution:\n  scenario_file: rounds.osc\n")
-    for line in (
-        "map_file: room.yaml",
-        "start_pose: {x: 1.0, y: 1.0, yaw: 0.0}",
-        "goal_pose: {x: 3.0, y: 1.0, yaw: 0.0}",
-    ):
-        edited = edited.replace(f"      - {line}\n", "")
-    small_room.write_text(edited.replace("    parameters:\n", ""))
+    families = "configuration: [{name: room-1}]\nexecution: {scenario_file: rounds.osc, runs: 2}\n"
+    small_room.write_text(f"version: 1\nmetadata: {{name: small_room}}\n{families}")
     export(campaign_directory(small_room, tmp_path / "results", whole()), tmp_path / "out")
     assert list(yaml.safe_load((tmp_path / "out/room-1/scenario.config").read_text())) == ["patrol"]
     header, root, *_ = map(json.loads, (tmp_path / "out/room-1/0/behaviors.jsonl").read_text().splitlines())
     assert (header["scenario"], root["osc_file"]) == ("patrol", "rounds.osc")
     assert (tmp_path / "out/_config/rounds.osc").read_text() == text
-
-
-def test_export_fills_empty_folder_in_place(results, tmp_path):
-    (tmp_path / "there/out").mkdir(parents=True)
-    before = (tmp_path / "there/out").stat().st_ino
-    export(results, tmp_path / "there/out")
-    assert (tmp_path / "there/out").stat().st_ino == before
-    assert {path.name for path in (tmp_path / "there/out").iterdir()} == {"_config", "room-1", "room-2", "test.xml"}
-    assert [path.name for path in (tmp_path / "there").iterdir()] == ["out"]
 
 
 @pytest.mark.parametrize("existing", [True, False])
@@ -250,6 +216,12 @@ def test_interrupted_export_leaves_nothing_and_overwrites_nothing(results, tmp_p
     with pytest.raises(UserError, match="expected a new or an empty folder, got one with files"):
         export(results, folder, progress=write)
     assert [(path.name, path.read_text()) for path in folder.iterdir()] == [("test.xml", "mine")]
+    if existing:
+        (folder / "test.xml").unlink()
+        before = folder.stat().st_ino
+        export(results, folder)
+        assert folder.stat().st_ino == before  # it may be a mount point
+        assert {path.name for path in folder.iterdir()} == {"_config", "room-1", "room-2", "test.xml"}
 
 
 def test_export_refuses_output_outside_of_folder(small_room, tmp_path):
@@ -272,43 +244,9 @@ def test_export_refuses_damaged_file_and_writes_nothing(results, tmp_path, file)
     (results / file).write_bytes(content)
 
 
-def exporting(monkeypatch, *flaws, duplicates=0):
-    """Put one configuration of runs with these flaws in the export's place."""
-    asked = []
-
-    def export(results, folder, only, progress):
-        progress(7, 30)
-        asked.append((results, folder, tuple(only)))
-        return Exported(folder, duplicates, [Suite("room", [Case("r", "c", 1.0, flaw=flaw) for flaw in flaws])])
-
-    monkeypatch.setattr(layout, "export", export)
-    return asked
-
-
-def test_export_command_counts_outcomes_of_runs(tmp_path, monkeypatch):
-    (tmp_path / "metadata.json").write_text("{}")
-    asked = exporting(monkeypatch, None, None, Flaw("failure", "f"))
-    done = called("export", tmp_path, "out", "--only", "room*", "--only", "hall")
-    assert (done.exit_code, done.stderr) == (0, "")
-    assert done.stdout == "1 configuration; 3 runs: 2 passed, 1 failed\nexported: out\n"
-    assert asked == [(tmp_path, Path("out"), ("room*", "hall"))]
-    monkeypatch.setattr(export_command, "PERIOD_S", 0.0)
-    exporting(monkeypatch, None, *(Flaw(kind, "e") for kind in ("error", "skipped", "skipped")), duplicates=2)
-    done = called("export", tmp_path, "out")
-    assert (done.exit_code, done.stderr) == (0, "7 of 30 configurations exported\n")
-    assert done.stdout.splitlines()[0] == (
-        "3 configurations, 2 equal to another; 4 runs: 1 passed, 0 failed, 1 broken, 2 not judged"
-    )
-
-
-def test_export_command_refuses_folder_that_cannot_be_made(tmp_path, monkeypatch):
-    def export(results, folder, only, progress):
-        raise PermissionError(13, "Permission denied")
-
-    (tmp_path / "metadata.json").write_text("{}")
-    monkeypatch.setattr(layout, "export", export)
-    words = "out: can't be written (Permission denied); name another folder"
-    assert refused("export", tmp_path, "out") == words
+def test_export_command_refuses_folder_that_cannot_be_made(results):
+    folder = results / "metadata.json" / "out"
+    assert refused("export", results, folder) == f"{folder}: can't be written (Not a directory); name another folder"
 
 
 @example("\x1b[31mred\x1b[0m")

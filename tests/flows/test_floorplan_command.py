@@ -103,12 +103,6 @@ def test_variations_warns_of_door_beside_its_wall(plan, tmp_path):
     assert re.match(rf"{tmp_path}/v/flat_7.fpm:\d+:\d+: warning: Entryway door: it cuts nothing: ", result.stderr)
 
 
-def test_render_and_geometry_report_fault_with_its_place(plan, tmp_path):
-    plan.write_text(plan.read_text().replace("width=gap", "width=gab"))
-    for command in (("render", plan, "--out", tmp_path / "out"), ("geometry", plan)):
-        assert refused("floorplan", *command) == f"{plan}:41:32: Entryway door: no variable 'gab'; did you mean 'gap'?"
-
-
 def test_floorplan_refuses_wrong_arguments(plan, tmp_path, monkeypatch, golden):
     monkeypatch.chdir(tmp_path)
     Path("there").mkdir()
@@ -120,9 +114,3 @@ def test_floorplan_refuses_wrong_arguments(plan, tmp_path, monkeypatch, golden):
         return [said.replace(str(tmp_path), "HERE").replace(str(OFFICE_WING), "WING")]
 
     golden("command_line", "floorplan", faults_of)
-
-
-def test_render_refuses_invalid_resolution(plan, tmp_path):
-    for wrong in ("0", "nan", "fine"):
-        result = run("render", plan, "--out", tmp_path, "--resolution", wrong)
-        assert result.exit_code == 2 and "Invalid value for '--resolution'" in result.stderr

@@ -13,7 +13,6 @@ from vastflow.tasks.engine.pool import Pool
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.prefect import campaign_log
-from vastflow.tasks.prefect.adapter import import_prefect
 from vastflow.tasks.prefect.server import PrefectUnavailable
 from vastflow.tasks.store.store import open_store
 
@@ -63,20 +62,14 @@ CONFIGURED = "Prefect's API at http://lab:4200/api failed (Failed to reach API);
 )
 def test_flow_is_retried_only_with_embedded_api(made, monkeypatch, failures, configured, begun, words):
     monkeypatch.setattr(flow_call, "configured_url", lambda: configured)
+    if configured:
+        monkeypatch.setattr(flow_call, "ApiServer", lambda log: pytest.fail("an embedded API was started"))
     flow, said = Flow(failures), None
     try:
         made.run(flow)
     except PrefectUnavailable as error:
         said = str(error)
     assert (said, flow.begun) == (words and words.format(log=made._log), begun)
-
-
-def test_configured_server_starts_no_other(made, monkeypatch):
-    import_prefect()  # else it would take the variable for the settings of all tests that follow
-    monkeypatch.setattr(flow_call, "ApiServer", lambda log: pytest.fail("an embedded API was started"))
-    monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
-    monkeypatch.setattr(flow_call, "configured_url", lambda: "http://127.0.0.1:9/api")
-    made.run(Flow(0))
 
 
 def test_finished_flow_is_not_restarted_when_its_api_fails(made):

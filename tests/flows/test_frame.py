@@ -19,11 +19,7 @@ SAID = {"p": "pass", "f": "fail", "n": "not judged"}
 
 
 def write(folder, configurations, *, unrecorded=()):
-    """A campaign directory: name to family, factors, and a letter a run.
-
-    Args:
-        unrecorded: Configurations and indices of runs without a recording.
-    """
+    """A campaign directory: name to family, factors, and a letter a run; `unrecorded` are names and indices of runs."""
     rows, runs, verdicts = [], [], []
     for name, (family, factors, said) in configurations.items():
         content = {"environment": {}, "task": {"goal": name}, "system": {}}

@@ -1,30 +1,26 @@
 """A campaign directory has all that its plug-ins use: it can be asked again when the original is gone."""
 
+import re
 import shutil
+from pathlib import Path
 
 import pytest
+from room import SMALL_ROOM
 
 from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
 from vastflow.flows.request.run_request import Asked
 from vastflow.flows.results.inputs import inputs_of, replica
 from vastflow.oracles.results.unusable import UnusableDirectory
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.tasks.engine.bundle import Packer
 from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.store import open_store
 
-VAST = """
-version: 1
-configuration:
-  - name: room
-    parameters:
-      - map_file: maps/room.yaml
-      - start_pose: {position: {x: 1.0, y: 1.0}, orientation: {yaw: 0.0}}
-      - goal_pose: {position: {x: 2.0, y: 1.0}, orientation: {yaw: 0.0}}
-    variations:
-      - own.py:Own: {}
-execution:
-  runs: 1
-evaluation:
-  oracles:
-    - OFOLDERown_oracle.py:Limited
+VAST = f"""{SMALL_ROOM.partition("variations:")[0].replace("room.yaml", "maps/room.yaml")}variations:
+      - own.py:Own: {{}}
+execution: {{runs: 1, nav2_params: my_pursuit.yaml}}
+evaluation: {{oracles: [OFOLDERown_oracle.py:Limited]}}
 """
 PRODUCER = """
 from vastflow.producers.model.configuration import Fragment
@@ -56,6 +52,18 @@ class Limited(Oracle[Parameters]):
 """
 
 
+PAGE = (Path(__file__).parents[2] / "docs" / "write-a-controller.md").read_text()
+CONTROLLER = dict(re.findall(r"^```\w+ (my_pursuit\.\w+)\n((?:.*\n)*?)^```$", PAGE, re.MULTILINE))
+
+
+def scenarios_of(campaign):
+    return [configuration.scenario for configuration in instantiate(campaign).configurations]
+
+
+def controllers(scenarios):
+    return {type(parameters_of(scenario.system).controller).__name__ for scenario in scenarios}
+
+
 @pytest.mark.parametrize("oracle_folder", ["", "../oracles/"])
 def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, small_room, monkeypatch, oracle_folder):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -71,6 +79,7 @@ def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, s
         judges / "limits.py": "LIMIT = 1\n",
         judges / "data" / "limit.json": "1",
         judges / ".." / "shared.json": "2",
+        **{home / name: text for name, text in CONTROLLER.items()},
     }.items():
         file.parent.mkdir(parents=True, exist_ok=True)
         file.resolve().write_text(text)
@@ -82,7 +91,9 @@ def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, s
     (note,) = [note for note in campaign.notes if note.place.file.endswith(".py")]
     assert str(note).startswith(str(home / f"{oracle_folder}own_oracle.py") + ":13:1: warning: os.getenv: ")
     assert str(note).endswith("is in no key: an edit of it goes unnoticed; a parameter is noticed")
+    bundle = Packer(store := open_store(tmp_path / "store")).packed(scenarios_of(campaign))
     (home / "lib" / "values.py").write_text("VALUES = [0.5]\n")  # while it runs
+    (home / "my_pursuit.py").write_text("raise SystemExit\n")
     inputs = inputs_of(campaign, oracles)
     directory = tmp_path / "results"
     directory.mkdir()
@@ -93,9 +104,11 @@ def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, s
     assert "not_used.py" not in kept
     shutil.rmtree(tmp_path / "all")
     shutil.rmtree(tmp_path / "cache")
+    assert controllers(bundle.opened(store)) == {"PurePursuit"}
     with replica(directory, Asked("x.vast", 1, (), inputs.places)) as laid_out:
         again, judges_again = read_campaign(laid_out.file)
         assert campaign_keys(installed_tree(), 0, judges_again) == keys
+        assert controllers(scenarios_of(again)) == {"PurePursuit"}
         assert installed_tree().plug_in_digest(type(again.families[0].producers[0])) == producer
     shutil.rmtree(directory / "inputs" / "lib")
     with (
@@ -103,6 +116,17 @@ def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, s
         replica(directory, Asked("x.vast", 1, (), inputs.places)),
     ):
         pass
+
+
+def test_inputs_have_controller_beside_parameter_file_of_other_folder(small_room, tmp_path):
+    for name, text in CONTROLLER.items():
+        (tmp_path / name).write_text(text)
+    small_room.write_text(f"{small_room.read_text()}  nav2_params: ../my_pursuit.yaml\n")
+    campaign, oracles = read_campaign(small_room)
+    (tmp_path / "my_pursuit.py").write_text("raise SystemExit\n")  # while it runs
+    inputs_of(campaign, oracles).write(tmp_path)
+    (kept,) = (tmp_path / "inputs").rglob("my_pursuit.py")
+    assert kept.read_text() == CONTROLLER["my_pursuit.py"] and kept.with_suffix(".yaml").is_file()
 
 
 @pytest.mark.parametrize(("file", "place"), [("c.vast", "{}/away"), ("{}/away", "x")])

@@ -1,10 +1,7 @@
 """The command `init`, and what `vastflow` takes without a command."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 import webbrowser
 from importlib.metadata import version
 from pathlib import Path
@@ -90,22 +87,6 @@ def test_init_refuses_file_where_it_needs_folder(tmp_path, taken):
 
 def test_version_is_that_of_distribution():
     assert called("--version").stdout == f"vastflow {version('vastflow')}\n"
-
-
-@pytest.mark.timeout(300)
-def test_shell_completes_commands_and_options():
-    def completed(*words):
-        asked = {
-            "_VASTFLOW_COMPLETE": "complete_bash",
-            "COMP_WORDS": " ".join(words),
-            "COMP_CWORD": str(len(words) - 1),
-        }
-        command = Path(sys.executable).with_name("vastflow")
-        done = subprocess.run([command], env={**os.environ, **asked}, capture_output=True, text=True, check=False)
-        return set(done.stdout.split())
-
-    assert completed("vastflow", "in") == {"init"}
-    assert {"--open", "--only"} <= completed("vastflow", "run", "--o")
 
 
 @each_row(("options", "ci", "opens"), [((), "", False), (("--open",), "", True), (("--open",), "true", False)])

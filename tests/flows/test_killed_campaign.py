@@ -5,9 +5,7 @@
 
 import os
 import random
-import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -16,7 +14,6 @@ from pathlib import Path
 import killed as proof
 import killed_life
 import killed_points
-import pyarrow.parquet as pq
 import pytest
 from prefect import Flow
 from prefect.settings import temporary_settings
@@ -110,18 +107,6 @@ def test_killed_flow_run_is_marked_as_crashed_by_the_next_run(killed, lab, alone
     assert killed.differing(alone[0].files, killed.digests(directory)) == ""
 
 
-def test_complete_campaign_sends_no_requests(killed, lab, alone):
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        place = killed.Place(lab, "asked", api=f"http://127.0.0.1:{listener.getsockname()[1]}/api")
-        shutil.copytree(lab.folder / "first" / "store", place.store)
-        life = place.begin()
-        assert life.end() == 0, life.words()
-        assert (life.summary()["executed"], life.summary()["reused"]) == (0, CONFIGURATIONS * killed.RUNS)
-        listener.setblocking(False)
-        with pytest.raises(BlockingIOError):  # nobody is waiting to be let in
-            listener.accept()
-
-
 def test_missing_server_is_reported_in_one_sentence(killed, lab, alone):
     place = killed.Place(lab, "nowhere", api="http://127.0.0.1:9/api")
     life = place.begin()
@@ -130,27 +115,3 @@ def test_missing_server_is_reported_in_one_sentence(killed, lab, alone):
     assert "start it (`prefect server start`), or unset PREFECT_API_URL; `vastflow run" in life.words()
     assert "Traceback" not in life.words()
     assert place.directories() == []
-
-
-OTHER = """\
-- name: more
-  variations:
-  - ParameterVariationList: {name: first, values: [31, 32]}
-  - ParameterVariationList: {name: second, values: [41]}
-execution:"""
-
-
-def test_concurrent_campaigns_on_one_store_have_unchanged_results(killed, lab, alone):
-    text = lab.campaign.read_text()
-    other = lab.folder / "other.vast"
-    other.write_text(text.replace("execution:", OTHER).replace("name: killed", "name: other"))
-    together = killed.Place(lab, "together")
-    lives = [together.begin(), together.begin(campaign=other)]
-    assert [life.end() for life in lives] == [0, 0], [life.words() for life in lives]
-    mine, others = together.directories()
-    assert killed.differing(alone[0].files, killed.digests(mine)) == ""
-    assert len(pq.read_table(others / "runs.parquet")) == (CONFIGURATIONS + 2) * killed.RUNS
-    store = killed.open_store(together.store)
-    assert [store.fault(holding.key) for holding in store.holdings() if store.fault(holding.key)] == []
-    # Blocks are cut by what runs cost, so that not each key of one campaign is one of the other.
-    assert all(alone[0].artifacts.get(key, content) == content for key, content in killed.stored(store).items())

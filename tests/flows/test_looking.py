@@ -106,32 +106,28 @@ def test_looking_refuses_effects_of_plug_in(looked, command, when):
     assert "EffectRefused: it would write to a file" in said
 
 
-@each_row(("statement", "raised"), [("sys.exit(0)", "SystemExit(0)"), ("raise GeneratorExit", "GeneratorExit")])
-@each_row("place", ["imported", "made", "produced"])
-def test_producer_that_ends_process_is_fault_of_file(tmp_path, place, statement, raised):
-    (tmp_path / "own.py").write_text(code(PRODUCER, **{place: statement}))
-    file = tmp_path / "c.vast"
-    file.write_text("version: 1\nconfiguration:\n  - name: a\n    variations: [{'own.py:Words': {}}]\n")
-    line = refused("validate", file)
-    assert line.startswith(f"{file}:4:19: configuration[0].variations[0].own.py:Words: ")
-    assert f"its code raised {raised}, which would end vastflow" in line
+NAMING = {
+    PRODUCER: "configuration: [{name: a, variations: [{'own.py:Words': {}}]}]",
+    ORACLE: "configuration: [{name: a}]\nevaluation: {oracles: ['own.py:Leaver']}",
+}
 
 
 @each_row(
-    ("place", "statement", "words"),
+    ("plug_in", "place", "statement", "words"),
     [
-        ("imported", "sys.exit(0)", EXIT),
-        ("made", "sys.exit(0)", EXIT),
-        ("made", "1 / 0", "it raised ZeroDivisionError: division by zero; an oracle that can be made"),
+        *((PRODUCER, place, "sys.exit(0)", EXIT) for place in ("imported", "made", "produced")),
+        (PRODUCER, "produced", "raise GeneratorExit", "its code raised GeneratorExit, which would end vastflow"),
+        *((ORACLE, place, "sys.exit(0)", EXIT) for place in ("imported", "made")),
+        (ORACLE, "made", "1 / 0", "it raised ZeroDivisionError: division by zero; an oracle that can be made"),
     ],
 )
-def test_oracle_that_ends_process_or_raises_is_fault_of_file(tmp_path, place, statement, words):
-    (tmp_path / "plug.py").write_text(code(ORACLE, **{place: statement}))
+def test_plug_in_that_ends_process_or_raises_is_fault_of_file(tmp_path, plug_in, place, statement, words):
+    (tmp_path / "own.py").write_text(code(plug_in, **{place: statement}))
     file = tmp_path / "c.vast"
-    file.write_text("version: 1\nconfiguration:\n  - name: a\nevaluation: {oracles: ['plug.py:Leaver']}\n")
+    file.write_text(f"version: 1\n{NAMING[plug_in]}\n")
     result = called("validate", file)
     assert (result.exit_code, result.stdout) == (2, "")
-    assert f"{file}:4:" in result.stderr and words in result.stderr
+    assert f"{file}:{2 if plug_in == PRODUCER else 3}:" in result.stderr and words in result.stderr
 
 
 def test_plug_in_code_turns_only_exits_into_errors():

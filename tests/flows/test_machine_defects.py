@@ -17,28 +17,16 @@ def may_unshare():
     return tools and os.geteuid() == 0 and subprocess.run(["unshare", "-m", "true"], check=False).returncode == 0
 
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not may_unshare(), reason="needs root and mount namespaces"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not may_unshare(), reason="needs root and mount namespaces")]
 READ_ONLY, FULL = (f"mkdir -p {{}} && mount -t tmpfs -o {option} none {{}}" for option in ("ro", "size=16k"))
 
 
 def run(lab, *prefix, **environment):
     """A call of the command line in a folder, by way of a program that spoils the machine before."""
-    command = [
-        sys.executable,
-        "-m",
-        "vastflow.flows.cli",
-        "run",
-        lab / "growth" / "growth.vast",
-        "--workers",
-        "1",
-        "--json",
-    ]
-    places = ["--store", lab / "store", "--results", lab / "results"]
+    command = [sys.executable, "-m", "vastflow.flows.cli", "run", lab / "growth" / "growth.vast"]
+    options = ["--workers", "1", "--json", "--store", lab / "store", "--results", lab / "results"]
     kept = {name: value for name, value in {**os.environ, **environment}.items() if value}
-    return subprocess.run([*prefix, *command, *places], cwd=lab, env=kept, capture_output=True, text=True, check=False)
+    return subprocess.run([*prefix, *command, *options], cwd=lab, env=kept, capture_output=True, text=True, check=False)
 
 
 @pytest.mark.parametrize(

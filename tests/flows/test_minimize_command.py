@@ -66,10 +66,10 @@ def place(tmp_path_factory):
     return folder, directory
 
 
-@pytest.fixture(scope="module")
-def searched(place):
-    """The directory of a search among two starts behind a blocked door, one of them in the wall."""
-    folder, _ = place
+@pytest.mark.slow
+def test_minimize_accepts_point_of_search(place):
+    """The search is among two starts behind a blocked door, one of them in the wall."""
+    folder, directory = place
     text = (folder / "planted.vast").read_text()
     blocked = yaml.safe_load(text)["configuration"][0]["parameters"]
     starts = [planted.START, {"x": 0.05, "y": 0.05}]
@@ -78,7 +78,13 @@ def searched(place):
     search["parameters"] = [*(each for each in blocked if "start_pose" not in each), {"start_pose": "$start"}]
     data = {key: value for key, value in yaml.safe_load(text).items() if key != "configuration"}
     (folder / "searched.vast").write_text(yaml.safe_dump({**data, "search": search}, sort_keys=False))
-    return run_campaign(folder / "searched.vast", results=folder / "results", store=folder / "store").directory
+    searched = run_campaign(folder / "searched.vast", results=folder / "results", store=folder / "store").directory
+    listed = minimize_configuration(directory, "blocked", store=folder / "store")
+    found = minimize_configuration(searched, "point-0002", store=folder / "store")
+    assert [each.text for each in found.minimum.cause] == ["obstacle door at (3.00, 2.50)"]
+    assert (found.executed, found.runs) == (0, listed.runs)
+    said = refused("minimize", searched, "point-0001", "--store", folder / "store")
+    assert "got point-0001, which was rejected: " in said
 
 
 @pytest.fixture
@@ -137,17 +143,6 @@ def test_minimize_leaves_planted_cause_in_campaign_that_fails(place, monkeypatch
     monkeypatch.setattr(Computing, "run_alone", None)  # nothing is started a second time
     second = minimize_configuration(directory, "blocked", store=folder / "store")
     assert (second.executed, second.text, second.runs) == (0, file.read_text(), said["runs"])
-
-
-@pytest.mark.slow
-def test_minimize_accepts_point_of_search(place, searched):
-    folder, directory = place
-    listed = minimize_configuration(directory, "blocked", store=folder / "store")
-    found = minimize_configuration(searched, "point-0002", store=folder / "store")
-    assert [each.text for each in found.minimum.cause] == ["obstacle door at (3.00, 2.50)"]
-    assert (found.executed, found.runs) == (0, listed.runs)
-    said = refused("minimize", searched, "point-0001", "--store", folder / "store")
-    assert "got point-0001, which was rejected: " in said
 
 
 @pytest.mark.slow

@@ -11,8 +11,6 @@ from table import each_row
 
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.reading.robot import lidar_of, robot_facts
 
 SQUARE = "[[0.4, 0.3], [0.4, -0.3], [-0.4, -0.3], [-0.4, 0.3]]"
 
@@ -38,11 +36,9 @@ MISSPELLED = {
     "evaluation": "visualisation=visualization",
     "path": "path_lenght_tolerance=path_length_tolerance num_path=num_paths min_distanc=min_distance "
     "robot_diametre=robot_diameter goal_pose=goal_poses",
-    "parameters": "number_of_lops=number_of_loops contoller=controller max_speed=robot.max_speed lidar.beams=robot.lidar.beams "
-    "odometry_noise_std_devation=odometry_noise_std_deviation inflation_raduis=inflation_radius "
-    "FollowPath.vx_mx=FollowPath.vx_max FolowPath.vx_max=FollowPath.vx_max xy_goal_tolerence=xy_goal_tolerance "
-    "global_costmap.robot_raduis=global_costmap.robot_radius "
-    "laserscan_random_drop_percentge=laserscan_random_drop_percentage",
+    "parameters": "contoller=controller lidar.beams=robot.lidar.beams inflation_raduis=inflation_radius "
+    "FollowPath.vx_mx=FollowPath.vx_max FolowPath.vx_max=FollowPath.vx_max "
+    "global_costmap.robot_raduis=global_costmap.robot_radius",
     "robot": "mas=mass max_yaw_rat=max_yaw_rate",
     "nav2": "robot_raduis=robot_radius",
     "performance": "local_robot_radius=local_robot_radius_m",
@@ -126,15 +122,6 @@ def test_validate_refuses_strategy_whose_library_is_missing(tmp_path, monkeypatc
     assert "the library optuna is not installed; pip install -e '.[search]' in the checkout of vastflow" in said
 
 
-def test_lidar_with_own_angles_looks_ahead_from_center():
-    angles = {"robot.lidar.angle_min": -1.5, "robot.lidar.angle_max": 1.5}
-    assert lidar_of(parameters_of(angles)).mount_xyt == (0.0, 0.0, 0.0)
-    assert lidar_of(parameters_of({**angles, "robot.lidar.x": 0.1})).mount_xyt == (0.1, 0.0, 0.0)
-    assert lidar_of(parameters_of({"robot.lidar.beams": 90})).mount_xyt[0] == -0.04
-    sources = {fact.quantity: fact.source for fact in robot_facts(parameters_of({**angles, "robot.lidar.x": 0.1}))}
-    assert sources["lidar mounted at x"] == "given" and sources["lidar turned by"] == "assumed"
-
-
 def test_plan_lists_assumed_mount_and_radii_of_oracles(campaign):
     file = campaign(robot=f"polygon: {SQUARE}, lidar: {{angle_min: -1.5, angle_max: 1.5}}")
     result = called("plan", file, "--json")
@@ -161,15 +148,3 @@ def test_oracles_take_size_of_robot(system, inscribed_m, circumscribed_m):
     task = {"start_pose": {"x": 0.0, "y": 0.0}, "goal_pose": {"x": 1.0, "y": 0.0}}
     found = situation_of(Scenario("builtin:navigate_to_pose", 60.0, {}, task, system))
     assert (found.inscribed_radius_m, found.circumscribed_radius_m) == pytest.approx((inscribed_m, circumscribed_m))
-
-
-def test_validate_says_that_polygon_replaces_robot_radius(campaign):
-    said = called("validate", campaign(nav2=f'footprint: "{SQUARE}", robot_radius: 0.3')).stdout
-    assert (
-        "warning: local_costmap.local_costmap.robot_radius: expected the polygon footprint replaces it, got 0.3, which has no effect"
-        in said
-    )
-    said = called(
-        "validate", campaign(nav2=f'footprint: "{SQUARE}"', parameters="local_costmap.robot_radius: 0.3")
-    ).stdout
-    assert "'local_costmap.robot_radius' has no effect; the polygon footprint replaces it" in said

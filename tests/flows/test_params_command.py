@@ -90,30 +90,13 @@ def test_params_prints_json(nav2):
     assert found["nodes_left_away"] == ["collision_monitor"]
 
 
-def test_file_faults_are_reported_with_places_and_exit_code_2(nav2):
-    nav2.write_text(NAV2.replace("_vel: 1", "_vel: -1").replace("PursuitController", "Pursuit").replace(".inf", ".nan"))
-    result = called("params", nav2)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.startswith(f"{nav2}:12:14: velocity_smoother.ros__parameters.mystery: expected ")
-    nav2.write_text(NAV2.replace("_vel: 1", "_vel: -1").replace("odom_topic", "max_velocity"))
-    result = called("params", nav2, "--json")
-    assert [line.split(":")[1] for line in result.stderr.splitlines()] == ["7", "11"]
-    assert "Traceback" not in result.stderr
-
-
-@pytest.fixture
-def campaign(small_room, nav2):
-    nav2.rename(small_room.with_name("nav2.yaml"))
+def test_campaign_keeps_parameter_file_and_validate_reports_it(small_room, nav2, tmp_path, monkeypatch):
+    file = nav2.rename(small_room.with_name("nav2.yaml"))
     small_room.write_text(f"{small_room.read_text()}  nav2_params: nav2.yaml\n")
-    return small_room
-
-
-def test_campaign_keeps_parameter_file_and_validate_reports_it(campaign, tmp_path, monkeypatch):
-    file = campaign.with_name("nav2.yaml")
-    found = inputs_of(*read_campaign(campaign))
+    found = inputs_of(*read_campaign(small_room))
     assert found.files["nav2.yaml"] == NAV2.encode()
     assert (set(found.files), len(found.maps)) == ({"nav2.yaml", "room.yaml", "room.pgm"}, 1)
-    result = called("validate", campaign)
+    result = called("validate", small_room)
     assert result.exit_code == 0
     assert f"{file}:12:14: velocity_smoother.mystery: not modeled\n" in result.stdout
     assert result.stdout.endswith("OK: 1 family, 1 producer, 1 oracle\n")
@@ -121,30 +104,26 @@ def test_campaign_keeps_parameter_file_and_validate_reports_it(campaign, tmp_pat
     file.write_text(NAV2.replace("_vel: 1", "_vel: -1"))
     before = sorted(tmp_path.rglob("*"))
     for command in ("validate", "run"):
-        said = refused(command, campaign)
+        said = refused(command, small_room)
         assert "nav2.yaml:7:27: controller_server.ros__parameters.FollowPath.desired_linear_vel: " in said
         assert "got -1" in said
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def note(k, kind="not modeled"):
-    return Fault(Place("nav2.yaml", k, 1, f"p{k}"), "not modeled", kind=kind)
+def note(k, kind="not modeled", file="nav2.yaml"):
+    return Fault(Place(file, k, 1, f"p{k}"), "why", kind=kind)
 
 
-def test_terminal_lines_count_unmodeled_parameters_beyond_a_few_and_keep_warnings():
+def test_terminal_lines_count_unmodeled_parameters_and_warnings_of_floor_plan_beyond_a_few():
     assert len(list(terminal_lines([note(k) for k in range(MOST_OF_A_FILE)]))) == MOST_OF_A_FILE
     notes = [note(k) for k in range(200)] + [note(300, "warning"), note(301, "not executed")]
     lines = list(terminal_lines(notes))
     assert lines[:2] == [str(note(300, "warning")), str(note(301, "not executed"))]
     assert lines[2:-1] == [str(note(k)) for k in range(3)]
     assert lines[-1] == "nav2.yaml: and 197 more that are not modeled; `vastflow params nav2.yaml` shows them all"
-
-
-def test_terminal_lines_count_warnings_of_floor_plan_beyond_a_few():
-    def note(file, k):
-        return Fault(Place(file, k, 1, f"Entryway d{k}"), "it cuts nothing", kind="warning")
-
-    lines = list(terminal_lines([note(file, k) for k in range(1, 10) for file in ("a.vast", "rooms.fpm")]))
-    assert [line for line in lines if line.startswith("a.vast")] == [str(note("a.vast", k)) for k in range(1, 10)]
+    files = ("a.vast", "rooms.fpm")
+    lines = list(terminal_lines([note(k, "warning", file) for k in range(1, 10) for file in files]))
+    of_campaign = [line for line in lines if line.startswith("a.vast")]
+    assert of_campaign == [str(note(k, "warning", "a.vast")) for k in range(1, 10)]
     assert len(lines) == 9 + 4
     assert lines[-1] == "rooms.fpm: and 6 more warnings; `vastflow floorplan geometry rooms.fpm` shows them all"

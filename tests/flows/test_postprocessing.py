@@ -28,7 +28,7 @@ from helper import length
 
 
 class Lengths(BasePostprocessingPlugin):
-    def __call__(self, results_dir, config_dir, suffix=".txt", **kwargs):
+    def __call__(self, results_dir, config_dir, suffix=".len", **kwargs):
         files = sorted(Path(results_dir).rglob("drive.log"))
         for file in files:
             passed = read_test_result(file.parent)["success"]
@@ -59,11 +59,6 @@ class Leaves:
 class Forgets:
     def __call__(self, results_dir, config_dir):
         ...
-
-
-class Exits:
-    def __call__(self, results_dir, config_dir):
-        raise SystemExit(0)
 """
 HELPER = "def length(file):\n    return len(file.read_text())\n"
 SCRIPT = '#!/bin/sh\necho "$1" > "$2/note.txt"\ncat "$2"/*/*/length.txt > lengths.txt 2>/dev/null\nexit $1\n'
@@ -113,22 +108,16 @@ def campaign(small_room, tmp_path):
 
 def test_plug_in_works_on_a_copy_and_writes_below_one_folder(campaign):
     beside = contents(campaign.file.parent, campaign.file.name)
-    (step,), results = campaign.after([{"measure/plug.py:Lengths": {"suffix": ".len"}}])
+    note = {"command": {"script": "note.sh", "args": [0]}}
+    (step, last), results = campaign.after([{"measure/plug.py:Lengths": {"suffix": ".txt"}}, note])
     assert (step["outcome"], step["message"], results.faults) == ("done", "measured 4 runs", ())
     made = results.directory / "postprocessing"
-    assert (made / "room-1/0/length.len").read_text() == "5 True"
-    assert (made / "room-2/1/length.len").read_text() == "10 False"
+    assert (made / "room-1/0/length.txt").read_text() == "5 True"
+    assert (made / "room-2/1/length.txt").read_text() == "10 False"
+    assert (last["outcome"], (made / "note.txt").read_text()) == ("done", "0\n")
+    assert (made / "lengths.txt").read_text() == "5 True10 False" * 2  # as the step before left them
     assert contents(campaign.file.parent, campaign.file.name) == beside
     assert "robovast" not in sys.modules
-
-
-def test_postprocessing_command_gets_arguments_and_earlier_outputs(campaign):
-    steps = ["measure/plug.py:Lengths", {"command": {"script": "note.sh", "args": [0]}}]
-    rows, results = campaign.after(steps)
-    assert [row["outcome"] for row in rows] == ["done", "done"]
-    made = results.directory / "postprocessing"
-    assert (made / "note.txt").read_text() == "0\n"
-    assert (made / "lengths.txt").read_text() == "5 True10 False" * 2
 
 
 @pytest.mark.parametrize(
@@ -137,7 +126,6 @@ def test_postprocessing_command_gets_arguments_and_earlier_outputs(campaign):
         ("measure/plug.py:Raises", "RuntimeError: out of ideas"),
         ("measure/plug.py:Refuses", "nothing to do"),
         ("measure/plug.py:Leaves", "its process ended with code 0 without an answer: about to leave"),
-        ("measure/plug.py:Exits", "its process ended with code 0 without an answer"),
         ("measure/plug.py:Forgets", "TypeError: expected (done, message), such as (True, 'wrote 3 files'), got None"),
         ({"measure/plug.py:Raises": {"speed": 1}}, "TypeError: Raises.__call__() got an unexpected keyword"),
         ("measure/gone.py:Raises", "got 'measure/gone.py:Raises', and there is no such file"),
@@ -174,20 +162,17 @@ def test_steps_run_again_only_if_edited(campaign):
     again, second = campaign.after(steps)
     assert counter.read_text() == "run\n" and again == rows
     assert contents(second.directory / "postprocessing") == contents(first.directory / "postprocessing")
+    (second.directory / "postprocessing/room-1/0/length.len").write_text("0 True")
+    _, edited = campaign.after(steps)
+    assert (edited.directory / "postprocessing/room-1/0/length.len").read_text() == "5 True"
+    runs = counter.read_text()
     (campaign.file.parent / "measure" / "helper.py").write_text(HELPER.replace("len(", "2 * len("))
     _, third = campaign.after(steps)
-    assert (third.directory / "postprocessing/room-1/0/length.txt").read_text() == "10 True"
-    assert counter.read_text() == "run\n" * 2  # what follows a step that is another now runs again
+    assert (third.directory / "postprocessing/room-1/0/length.len").read_text() == "10 True"
+    assert counter.read_text() == runs + "run\n"  # what follows a step that is another now runs again
     campaign.after(steps, report="other results")
     campaign.after(steps, report="")  # of results with a fault there is no key
-    assert counter.read_text() == "run\n" * 4
-
-
-def test_results_of_a_step_that_somebody_edited_are_not_taken(campaign):
-    _, first = campaign.after(["measure/plug.py:Lengths"])
-    (first.directory / "postprocessing/room-1/0/length.txt").write_text("0 True")
-    _, second = campaign.after(["measure/plug.py:Lengths"])
-    assert (second.directory / "postprocessing/room-1/0/length.txt").read_text() == "5 True"
+    assert counter.read_text() == runs + "run\n" * 3
 
 
 def test_poses_are_in_robovast_s_columns_estimated_and_true():

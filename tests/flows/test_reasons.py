@@ -1,22 +1,8 @@
 """Differences between two campaigns, in words."""
 
-import json
-
 from table import each_row
 
-from vastflow.flows.plan.reasons import scenario_reason
 from vastflow.flows.results.provenance import changes_text
-
-
-def test_obstacles_are_compared_one_by_one_and_named_by_their_key():
-    row = {"abstract": "builtin:x", "timeout_s": 1.0, "steps": "[]"}
-
-    def scenario(x_m):
-        parts = {"environment": {"obstacles": [{"x": 0.5}, {"x": x_m}]}, "task": {}, "system": {}}
-        return {**row, "scenario": json.dumps(parts)}
-
-    reason = str(scenario_reason(scenario(1.0), scenario(2.0)))
-    assert reason == "environment.obstacles changed: [1].x from 1.0 to 2.0"
 
 
 @each_row(

@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import signal
 from dataclasses import replace
 
 import numpy as np
@@ -11,17 +10,14 @@ import pyarrow.parquet as pq
 import pytest
 from command_line import called, refused
 from PIL import Image
-from room import drawn_room
+from room import SMALL_ROOM, drawn_room
 from whole_directory import ConfigurationResult, write_results
 
-from vastflow.flows.cli import replay as replay_command
-from vastflow.flows.results.provenance import origin_differences
 from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.blocks import read_recordings, write_recordings
-from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.recording import Recording, Run
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.run import run
@@ -31,25 +27,7 @@ from vastflow.tasks.keys.source import installed_tree
 RUNS = 2
 SEED = 5
 RECORDING = "recordings/room-2.parquet"
-CAMPAIGN = """\
-version: 1
-metadata:
-  name: replayed
-configuration:
-  - name: room
-    parameters:
-      - map_file: room.yaml
-      - start_pose: {x: 1.0, y: 1.0, yaw: 0.0}
-      - goal_pose: {x: 4.5, y: 1.0, yaw: 0.0}
-    variations:
-      - ParameterVariationList:
-          name: laserscan_gaussian_noise_std_deviation
-          values: [0.0, 0.02, 0.0]
-execution:
-  runs: 2
-  seed: 5
-  timeout: 3
-"""
+CAMPAIGN = SMALL_ROOM.replace("0.02]", "0.02, 0.0]").replace("x: 3.0", "x: 4.5") + "  seed: 5\n  timeout: 3\n"
 
 
 def executed(scenario):
@@ -95,32 +73,19 @@ def replayed_json(*arguments):
     return done, json.loads(done.stdout)
 
 
-def tampered(results, change):
-    """Let `change` edit a run's columns in the recording of `room-2`."""
-    file = results / "recordings" / "room-2.parquet"
-    recordings = read_recordings(file.read_bytes())
-    columns = {name: column.copy() for name, column in recordings[1].columns.items()}
-    change(columns)
-    recordings[1] = Recording(recordings[1].run, columns)
-    file.write_bytes(write_recordings(recordings))
-
-
-def metadata_of(directory):
-    return json.loads((directory / "metadata.json").read_text())
-
-
-def add_a_millimeter(columns):
+def tampered(results):
+    """Add a millimeter to a row of the second run of `room-2`."""
+    one, other = read_recordings((results / RECORDING).read_bytes())
+    columns = {name: column.copy() for name, column in other.columns.items()}
     columns["x_mm"][12] += 1
+    (results / RECORDING).write_bytes(write_recordings([one, Recording(other.run, columns)]))
 
 
-def test_replay_repeats_run_bit_for_bit_from_campaign_directory_alone(results):
+def test_replay_repeats_run_bit_for_bit_from_campaign_directory_alone(results, tmp_path):
     done = replayed(results, "room-2", 1)
     assert (done.exit_code, done.stderr) == (0, "")
     assert "room-2, run 1: executed again, equal to the recording bit for bit" in done.stdout
     assert (results / "replays/room-2-1/strip.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_replay_with_json_prints_result_and_places_of_pictures(results, tmp_path):
     folder = tmp_path / "pictures"
     done, said = replayed_json(results, "room-2", 1, "--at", "0.5", "--at", "2.0", "--out", folder)
     assert (done.exit_code, said["equal"], said["difference"], said["video"]) == (0, True, None, None)
@@ -131,7 +96,7 @@ def test_replay_with_json_prints_result_and_places_of_pictures(results, tmp_path
 
 
 def test_replay_reports_row_and_column_of_tampered_recording_and_draws_it(results):
-    tampered(results, add_a_millimeter)
+    tampered(results)
     done, said = replayed_json(results, "room-2", 1, "--at", "1.0")
     assert (done.exit_code, said["equal"]) == (1, False)
     assert said["difference"].startswith("row 12 (1.20 s), x_mm: recorded ")
@@ -167,11 +132,6 @@ def test_replay_refuses_unknown_run(made, tmp_path, golden):
     assert not (tmp_path / "pictures").exists()
 
 
-def no_map(results):
-    shutil.rmtree(results / "environments")
-    shutil.rmtree(results / "inputs")
-
-
 def another_map(results):
     (picture,) = results.glob("environments/*/map.pgm")
     content = bytearray(picture.read_bytes())
@@ -196,7 +156,6 @@ def another_seed(results):
 
 NO_VERSIONS = '{"name": "replayed", "created": "", "vastflow": "0", "host": {}}'
 DAMAGES = {
-    "no map": (no_map, "no file has the digest"),
     "another map": (another_map, "no file has the digest"),
     "another scenario": (another_scenario, "damaged campaign directory: the scenario of room-2 has digest"),
     "another seed": (another_seed, "damaged campaign directory: the seed 5:abc:1"),
@@ -212,13 +171,7 @@ def test_replay_refuses_damaged_directory(results, spoil, words):
     assert words in refused("replay", results, "room-2", 1)
 
 
-def test_recorded_run_finds_map_among_inputs(results):
-    shutil.rmtree(results / "environments")
-    found = recorded_run(results, "room-2", 0).scenario.environment["map_file"]
-    assert isinstance(found, FileContent) and found.path.startswith(str(results / "inputs"))
-
-
-def test_recorded_run_finds_parameter_file_among_inputs(tmp_path):
+def test_recorded_run_finds_map_and_parameter_file_among_inputs(tmp_path):
     def recordings_of(scenario):
         entropy = run_entropy(SEED, scenario.situation_digest, 0)
         row = Run(0, ":".join(f"{part:x}" for part in entropy), "succeeded", 0, "", 1.0, 0.0, 0, 0)
@@ -228,36 +181,23 @@ def test_recorded_run_finds_parameter_file_among_inputs(tmp_path):
     text = CAMPAIGN.replace("  timeout: 3", "  timeout: 3\n  nav2_params: mine.yaml")
     directory = campaign_directory(tmp_path, text, recordings_of)
     (tmp_path / "mine.yaml").unlink()
+    shutil.rmtree(directory / "environments")
     found = recorded_run(directory, "room-2", 0)
     assert parameters_of(found.scenario.system).amcl.max_particles == 900
-    assert found.scenario.system["nav2_params"].path == str(directory / "inputs" / "mine.yaml")
-
-
-def test_interrupted_replay_exits_with_130(made, tmp_path, monkeypatch):
-    def interrupted(recorded, asked):
-        os.kill(os.getpid(), signal.SIGINT)
-        raise AssertionError("the interrupt should have come before this")
-
-    monkeypatch.setattr(replay_command, "_executed", interrupted)
-    done = replayed(made, "room-2", 0, "--out", tmp_path)
-    assert (done.exit_code, done.stderr) == (130, "interrupted\n")
-
-
-def test_origin_differences_name_source_libraries_and_numeric_class(made):
-    metadata = {**metadata_of(made), "numeric_class": "arm", "versions": {"numba": "0.1"}}
-    source, numeric = origin_differences(metadata, "x86_64; glibc; fma; ; 3.12", "s" * 64)
-    assert "here ssssssssssss); numba 0.1, here " in source
-    assert numeric == "recorded on another numeric class: 'arm', here 'x86_64; glibc; fma; ; 3.12'"
+    files = found.scenario.environment["map_file"].path, found.scenario.system["nav2_params"].path
+    assert files == tuple(str(directory / "inputs" / name) for name in ("room.yaml", "mine.yaml"))
 
 
 def test_replay_names_other_source_and_numeric_class(results):
     source = {"execute": "abcdef012345" + "0" * 52, "observe": "o", "judge": "j"}
-    content = {**metadata_of(results), "numeric_class": "riscv64; glibc 2.36; ; ; 3.11", "source": source}
+    content = json.loads((results / "metadata.json").read_text())
+    content |= {"numeric_class": "riscv64; glibc 2.36; ; ; 3.11", "source": source, "versions": {"numba": "0.1"}}
     (results / "metadata.json").write_text(json.dumps(content))
     said = replayed(results, "room-2", 1, "--at", "1.0")
     assert said.exit_code == 0 and "equal to the recording bit for bit" in said.stdout
     assert "room-2, run 1: recorded with other source of the simulator (abcdef012345, here " in said.stderr
-    tampered(results, add_a_millimeter)
+    assert "); numba 0.1, here " in said.stderr
+    tampered(results)
     done, said = replayed_json(results, "room-2", 1, "--at", "1.0")
     before, _, after = done.stderr.partition("NOT THE RECORDED RUN: row 12")
     assert done.exit_code == 1

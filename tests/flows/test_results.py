@@ -1,6 +1,5 @@
 """The campaign directory: complete on its own, and the same bytes for the same runs."""
 
-import hashlib
 import json
 import math
 import shutil
@@ -61,9 +60,6 @@ def written(path, root, found, report=lambda directory: None):
 )
 def test_joined_blocks_have_equal_bytes_for_any_cut(blocking):
     assert one_block(blocks_of(*blocking), 5) == write_recordings([recording(k) for k in range(5)])
-
-
-def test_joined_blocks_are_empty_without_wanted_runs():
     assert (one_block(blocks_of(range(5, 8)), 5), one_block([], 5)) == (b"", b"")
 
 
@@ -150,20 +146,6 @@ def test_metadata_has_summary_and_faults(small_room, tmp_path):
     assert pq.read_metadata(results.directory / "runs.parquet").num_rows == 3
 
 
-def test_duplicate_is_listed_without_recordings(small_room, tmp_path):
-    small_room.write_text(small_room.read_text().replace("[0.0, 0.02]", "[0.0, 0.0]"))
-    asked = []
-
-    def found(configuration):
-        asked.append(configuration.name)
-        return found_of(range(2))
-
-    results = written(small_room, tmp_path, found)
-    assert asked == ["room-1"]
-    assert (results.summary.configurations, results.summary.duplicates, results.summary.runs) == (1, 1, 2)
-    assert read_tables(results.directory).configurations.duplicate_of == [None, "room-1"]
-
-
 def test_report_is_written_before_directory_appears(small_room, tmp_path):
     seen = []
 
@@ -175,21 +157,6 @@ def test_report_is_written_before_directory_appears(small_room, tmp_path):
     results = written(small_room, tmp_path / "results", whole, report)
     assert seen == [] and results.faults == (RunFault("", None, "report", "RuntimeError: no font"),)
     assert json.loads((results.directory / "metadata.json").read_text())["faults"][0]["stage"] == "report"
-
-
-def test_directories_of_equal_runs_have_equal_bytes(small_room, tmp_path):
-    one = written(small_room, tmp_path / "one", whole).directory
-    other = written(
-        small_room,
-        tmp_path / "other",
-        lambda configuration: ConfigurationResult(blocks_of([1], [0]), blocks_of([0], [1]), found_of([1, 0]).verdicts),
-    ).directory
-
-    def digests(directory):
-        files = (p for p in directory.rglob("*.*") if p.name != "metadata.json")
-        return {p.relative_to(directory): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
-
-    assert digests(one) == digests(other)
 
 
 METERS = st.floats(-1e3, 1e3, allow_nan=False)

@@ -15,7 +15,7 @@ from table import each_row
 from whole_directory import CREATED, ConfigurationResult, write_results
 
 from vastflow.flows import api
-from vastflow.flows.request.campaign_file import campaign_keys, read_campaign, recorded_keys
+from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.run_request import asked_of
 from vastflow.flows.results.directory import ABANDONED_S, WRITER, left_behind, new_directory, sweep, writer_of
 from vastflow.flows.results.inputs import replica
@@ -100,11 +100,7 @@ def test_run_of_directory_keeps_its_selection(small_room, tmp_path, tree, asked_
 
 @pytest.mark.parametrize(
     ("name", "folder"),
-    [
-        ("halls/room.yaml", "maps/halls"),
-        ("../halls/room.yaml", "halls"),
-        ("/opt/elsewhere/maps/room.yaml", "maps"),
-    ],
+    [("halls/room.yaml", "maps/halls"), ("../halls/room.yaml", "halls"), ("/opt/elsewhere/maps/room.yaml", "maps")],
 )
 def test_inputs_have_maps_of_other_folders(name, folder, small_room, tmp_path, tree, asked_again):
     maps = tmp_path / "somewhere" / "maps"
@@ -149,21 +145,6 @@ def test_replica_refuses_changed_file_with_absolute_path(small_room, tmp_path, t
         replica(directory, asked),
     ):
         pass
-
-
-def test_run_refuses_directory_whose_inputs_are_deleted(directory):
-    shutil.rmtree(directory / "inputs")
-    said = called("run", directory)
-    assert said.exit_code == 2
-    assert f"{directory}: its inputs can't be read any more: {directory}/campaign.vast:" in said.stderr
-
-
-def test_recorded_keys_equal_keys_of_campaign(directory, small_room, tree):
-    campaign, oracles = read_campaign(small_room)
-    metadata = json.loads((directory / "metadata.json").read_text())
-    keys = campaign_keys(tree, campaign.seed, oracles)
-    assert recorded_keys(metadata) == keys
-    assert recorded_keys(metadata).verdicts("s", "r", "t") == keys.verdicts("s", "r", "t")
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -29,24 +30,44 @@ execution:"""
 """A board of 9 m finds no room in a room of 4 m, unless it may stand in its walls."""
 
 
+HEAVY = {"prefect", "numba", "matplotlib", "pandas", "pyarrow", "numpy", "scipy"}
+PLAN = "from typer.testing import CliRunner; assert CliRunner().invoke(app, ['plan', 'room.vast']).exit_code == 0"
+TABLE = "from pathlib import Path; write_table(Path('t.parquet'), RUNS, [{'run_index': 1}])"
+
+
 @each_row(
     ("statement", "unwanted"),
     [
         ("import vastflow.flows", {"numba", "prefect"}),
         ("from vastflow.flows import run_campaign", {"prefect"}),
         ("import vastflow.tasks.engine.work, vastflow.tasks.engine.pool", {"numba", "prefect"}),
+        ("import vastflow.flows.cli.__main__", HEAVY),
+        (f"from vastflow.flows.cli.__main__ import app; {PLAN}", {"prefect"}),
+        (f"from vastflow.oracles.results.schema import RUNS, write_table; {TABLE}", {"pandas"}),
     ],
 )
-def test_imports_load_neither_prefect_nor_numba(statement, unwanted):
+def test_imports_load_nothing_heavy(small_room, statement, unwanted):
     script = f"{statement}; import sys; print(*{unwanted!r} & sys.modules.keys())"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=240, check=True)
-    assert done.stdout.split() == []
+    environment = {**os.environ, "VASTFLOW_STORE": "store"}
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=small_room.parent,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (done.stdout, done.stderr) == ("\n", "")
 
 
-def test_request_survives_json(tmp_path):
-    request = request_of(tmp_path / "x.vast", {"runs": 3, "only": "hall", "cluster": "tcp://lab:8786"})
-    assert RunRequest.model_validate_json(request.model_dump_json()) == request
-    assert (request.only, request.cluster) == (("hall",), "tcp://lab:8786")
+def test_request_takes_name_client_or_scheduler_file_and_survives_json(tmp_path):
+    file = tmp_path / "scheduler.json"
+    file.write_text("{}")
+    client = SimpleNamespace(scheduler=SimpleNamespace(address="tls://lab:1"))
+    for cluster, address in ((client, "tls://lab:1"), (file, str(file)), ("local:3", "local:3")):
+        request = request_of(tmp_path / "x.vast", {"runs": 3, "only": "hall", "cluster": cluster})
+        assert RunRequest.model_validate_json(request.model_dump_json()) == request
+        assert (request.only, request.cluster) == (("hall",), address)
 
 
 def test_command_python_call_and_flow_take_the_fields_of_a_request():
@@ -73,15 +94,6 @@ def test_command_python_call_and_flow_take_the_fields_of_a_request():
 def test_request_refuses_wrong_option(options, error, words):
     with pytest.raises(error, match=words):
         run_campaign("x.vast", **options)
-
-
-def test_cluster_may_be_client_or_scheduler_file(tmp_path):
-    (tmp_path / "scheduler.json").write_text("{}")
-    client = SimpleNamespace(scheduler=SimpleNamespace(address="tls://lab:1"))
-    asked = [
-        request_of("x.vast", {"cluster": each}).cluster for each in (client, tmp_path / "scheduler.json", "local:3")
-    ]
-    assert asked == ["tls://lab:1", str(tmp_path / "scheduler.json"), "local:3"]
 
 
 def deployed(file, *options):

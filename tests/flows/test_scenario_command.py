@@ -31,16 +31,6 @@ def test_check_lists_scenarios_of_sound_file(file):
     assert (result.exit_code, result.stdout) == (0, "OK: scenario patrol\n")
 
 
-def test_check_and_parameters_report_all_faults_with_their_places(file):
-    file.write_text(PATROL.replace("speed =", "sped =").replace("log(", "logg("))
-    for command in ("check", "parameters"):
-        result = called("scenario", command, file)
-        assert (result.exit_code, result.stdout) == (2, "")
-        places = [line.split(": ")[0] for line in result.stderr.splitlines()]
-        assert places == [f"{file}:6:18", f"{file}:10:8"]
-        assert "did you mean 'speed'?" in result.stderr and "did you mean 'log'?" in result.stderr
-
-
 def test_check_names_actions_that_cannot_be_run(file):
     body = "do serial:\n        bag_play('drive')\n        log('x')\n        load_world('flat.sdf')\n"
     file.write_text(PATROL.replace("osc.ros", "osc.ros\nimport osc.sim").replace('do log("x")\n', body))

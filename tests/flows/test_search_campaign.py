@@ -188,10 +188,6 @@ def test_flow_finds_same_and_repeats_nothing(place, first, prefect_home, monkeyp
     assert again.summary.executed == 0 and content(again) == content(first)
 
 
-def test_search_finds_same_with_one_worker(run, first):
-    assert content(run(store="other", workers=1)) == content(first)
-
-
 def test_greater_budget_continues_smaller_one(run, first):
     more = run(more="  budget: [{batches: 4}]")
     assert rows(more)[:12] == rows(first)

@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections import Counter
 
 import pyarrow.parquet as pq
 import pytest
@@ -13,7 +12,6 @@ from vastflow.flows import run_campaign
 from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.plan.text import plan_json, plan_text
 from vastflow.flows.results.past import past_of
-from vastflow.flows.run import prepared
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -38,6 +36,7 @@ scenario kind:
     do serial:
         run_process("sh kind.sh " + kind)
 """
+PROGRAM = "printf 'kind\\n%s\\n' \"$1\" > kind.csv\n"
 ORACLE = """
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
@@ -60,15 +59,11 @@ ENDS = {"passes": 14, "fails": 14, "flaky": 10, "open": 20}
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory, one_server, tree):
-    folder = tmp_path_factory.mktemp("kinds")
-    (folder / "campaign").mkdir()
-    (folder / "campaign" / "kind.osc").write_text(SCENARIO)
-    (folder / "campaign" / "kind.sh").write_text("printf 'kind\\n%s\\n' \"$1\" > kind.csv\n")
-    (folder / "campaign" / "own.py").write_text(ORACLE)
-    with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(prepared, "installed_tree", lambda: tree)
-        yield folder
+def place(flow_folder):
+    (flow_folder / "campaign").mkdir()
+    for name, text in (("kind.osc", SCENARIO), ("kind.sh", PROGRAM), ("own.py", ORACLE)):
+        (flow_folder / "campaign" / name).write_text(text)
+    return flow_folder
 
 
 def file_of(place, runs, kinds=KINDS):
@@ -135,29 +130,6 @@ def test_sequential_campaign_ends_where_the_rule_decides(first):
     assert ([past.runs_of(name) for name in past.by_name], past.runs) == (list(ENDS.values()), 20)
 
 
-def test_report_has_classes_and_saved_runs(first):
-    evidence = json.loads((first.directory / "evidence.json").read_text())
-    assert Counter(evidence["classes"]["configurations"].values()) == Counter(
-        ["reliable", "systematic", "flaky", "undecided"]
-    )
-    assert evidence["saved"] == {"runs": 58, "most": 80}
-    report = " ".join((first.directory / "report.html").read_text().split())
-    assert "22 of 80 runs were saved" in report
-
-
-def test_repeated_campaign_computes_nothing(first, run, no_prefect):
-    again = run()
-    assert (again.summary.executed, again.summary.reused, again.summary.runs) == (0, 58, 58)
-    assert metadata_of(again)["report"] == metadata_of(first)["report"]
-    assert content(again) == content(first)
-
-
-def test_verdicts_are_equal_for_any_workers(first, run):
-    alone = run(store="alone", workers=1)
-    assert alone.summary.executed == 58
-    assert judgements_of(alone) == judgements_of(first)
-
-
 def test_runs_of_fixed_campaign_are_reused(first, run, monkeypatch):
     fixed = run("20", store="fixed")
     assert (fixed.summary.runs, fixed.summary.executed) == (80, 80)
@@ -168,13 +140,6 @@ def test_runs_of_fixed_campaign_are_reused(first, run, monkeypatch):
     assert (ended.summary.executed, ended.summary.reused, ended.summary.runs) == (0, 58, 58)
     assert judgements_of(ended) == judgements_of(first)
     assert runs_of(ended) == ENDS
-
-
-def test_option_runs_fixes_their_number(place):
-    file = file_of(place, SEQUENTIAL)
-    fixed = run_campaign(file, runs=3, results=place / "results", store=place / "few", workers=2)
-    assert runs_of(fixed) == dict.fromkeys(KINDS, 3)
-    assert "sequential" not in metadata_of(fixed)
 
 
 def test_larger_maximum_adds_runs_and_smaller_one_none(run, first):

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
+from room import ORACLE
 
 from vastflow.flows.request.campaign_file import campaign_keys, campaign_name, read_campaign
 from vastflow.flows.request.configurations import distinct_configurations
@@ -28,7 +29,7 @@ execution:
   pre_command: files/pre.sh
 evaluation:
   oracles:
-    - oracle.py:Prints
+    - oracle.py:Driven: {least_m: 0.1}
 """
 SCENARIO = """\
 import osc.helpers
@@ -59,16 +60,6 @@ class Sizes(Producer[Parameters]):
 
     def produce(self, inputs, draws):
         yield Fragment({"size": "2"})
-"""
-ORACLE = """\
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
-
-class Prints(Oracle[Parameters]):
-    Parameters = Parameters
-    metrics = {}
-
-    def judge(self, trace, situation):
-        return self.passed(trace)
 """
 
 

@@ -9,11 +9,8 @@ from pathlib import Path
 
 import pytest
 from bench_pipeline import SCENARIO
-from room import drawn_room
-from table import each_row
 
 from vastflow.flows import execute, instantiate, judge, observe, run_campaign
-from vastflow.flows.stages import api as stages
 from vastflow.oracles.statistics.intervals import Counts
 from vastflow.sim.model.faults import FileError, UserError
 from vastflow.tasks.store.store import Lost
@@ -64,14 +61,10 @@ class Even(Oracle[EvenParameters]):
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory, one_server, tree):
-    folder = tmp_path_factory.mktemp("stages")
-    (folder / "nothing.osc").write_text(SCENARIO)
-    (folder / "small.vast").write_text(CAMPAIGN)
-    (folder / "own.py").write_text(ORACLE)
-    with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stages, "installed_tree", lambda: tree)
-        yield folder
+def place(flow_folder):
+    for name, text in (("nothing.osc", SCENARIO), ("small.vast", CAMPAIGN), ("own.py", ORACLE)):
+        (flow_folder / name).write_text(text)
+    return flow_folder
 
 
 @pytest.fixture(scope="module")
@@ -169,28 +162,9 @@ def test_judge_by_other_parameters_executes_nothing_and_returns_faults(place, tr
     assert repr(verdicts).endswith("judged by success, own.py:Even, 3 faults>")
 
 
-@each_row(
-    ("oracles", "said"),
-    [
-        (["saftey"], r"small\.vast:1:1: oracles\[0\]: no oracle 'saftey'; did you mean 'safety'"),
-        (["success", {"own.py:Even": {"rest": 1}}], r"oracles\[1\]\.rest: unknown key 'rest'"),
-    ],
-)
-def test_judge_refuses_unknown_oracle_with_its_place(traces, oracles, said):
-    with pytest.raises(FileError, match=said):
-        judge(traces, oracles=oracles)
-
-
-@each_row(
-    ("options", "error", "said"),
-    [
-        ({"only": "rigth"}, FileError, "only: no family or configuration 'rigth'; did you mean 'right'"),
-        ({"runs": 0}, ValueError, "runs is at least 1, got 0"),
-    ],
-)
-def test_execute_refuses_wrong_options(configurations, options, error, said):
-    with pytest.raises(error, match=said):
-        execute(configurations, **options)
+def test_judge_refuses_unknown_parameter_of_oracle_with_its_place(traces):
+    with pytest.raises(FileError, match=r"small\.vast:1:1: oracles\[1\]\.rest: unknown key 'rest'"):
+        judge(traces, oracles=["success", {"own.py:Even": {"rest": 1}}])
 
 
 def test_stages_report_deleted_artifacts_as_lost(place, configurations, tmp_path):
@@ -209,46 +183,14 @@ def test_stages_report_deleted_artifacts_as_lost(place, configurations, tmp_path
 
 @pytest.mark.slow
 def test_examples_of_page_run_in_plain_script(tmp_path, prefect_home):
-    """One process with all of the page's examples, on a campaign whose names are the quickstart's."""
     examples = re.findall(r"^```python\n(.*?)^```$", EXAMPLES.read_text(), re.MULTILINE | re.DOTALL)
     assert len(examples) >= 5
-    folder = tmp_path / "campaigns" / "quickstart"
-    drawn_room(folder, 60)
-    (folder / "quickstart.vast").write_text(QUICKSTART)
+    shutil.copytree(ROOT / "campaigns" / "quickstart", tmp_path / "campaigns" / "quickstart")
     (tmp_path / "examples.py").write_text("\n".join(examples))
     home = {"PREFECT_HOME": str(prefect_home(tmp_path / "prefect"))}
     environment = {**os.environ, **home, "VASTFLOW_STORE": str(tmp_path / "store")}
-    done = subprocess.run(
-        [sys.executable, "examples.py"],
-        check=False,
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=250,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    assert "<quickstart: 1 configuration × 2 runs, judged by success, performance>" in done.stdout
-    assert "of 2 runs passed" in done.stdout
-
-
-QUICKSTART = """\
-version: 1
-metadata: {name: quickstart}
-configuration:
-  - name: sensor-noise
-    parameters: &room
-      - map_file: room.yaml
-      - start_pose: {x: 1.0, y: 1.5, yaw: 0.0}
-      - goal_pose: {x: 1.6, y: 1.5, yaw: 0.0}
-    variations:
-      - ParameterVariationList: {name: laserscan_gaussian_noise_std_deviation, values: [0.01]}
-  - name: clutter
-    parameters: *room
-    variations:
-      - ParameterVariationList: {name: laserscan_gaussian_noise_std_deviation, values: [0.0]}
-      - ParameterVariationList: {name: laserscan_random_drop_percentage, values: [0.0]}
-execution: {runs: 5, timeout: 30}
-evaluation: {oracles: [performance]}
-"""
+    places = {"cwd": tmp_path, "env": environment}
+    done = subprocess.run([sys.executable, "examples.py"], check=False, capture_output=True, text=True, **places)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "<quickstart: 12 configurations × 2 runs, judged by success, performance, safety>" in done.stdout
+    assert "of 24 runs passed" in done.stdout

@@ -4,7 +4,6 @@ import json
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from table import each_row
 
 from vastflow.flows.request.run_request import SEQUENTIAL
 from vastflow.flows.request.stopping import MOST_ROUNDS, Stopping, stopping_of
@@ -29,21 +28,6 @@ def stop(stopping, said):
     while (wanted := stopping.wanted(known(said[:runs]))) > runs:
         runs = wanted
     return runs
-
-
-@each_row(
-    ("said", "ends"),
-    [
-        (["pass"] * 20, 14),
-        (["fail"] * 20, 14),
-        (["pass", "fail"] * 10, 10),  # flaky
-        ([*["pass"] * 4, "fail"] * 4, 20),  # undecided
-        (["not judged", *["pass"] * 19], 15),  # a run, and no evidence
-        (["not judged"] * 20, 20),
-    ],
-)
-def test_runs_end_where_the_rule_shows_a_class(said, ends):
-    assert stop(USUAL, said) == ends
 
 
 def test_looks_are_few_and_include_minimum_and_maximum():

@@ -13,6 +13,24 @@ def drawn_room(folder, cells=120):
     (folder / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0.0, 0.0, 0.0]}\n")
 
 
+SMALL_ROOM = """\
+version: 1
+metadata:
+  name: small_room
+configuration:
+  - name: room
+    parameters:
+      - map_file: room.yaml
+      - start_pose: {x: 1.0, y: 1.0, yaw: 0.0}
+      - goal_pose: {x: 3.0, y: 1.0, yaw: 0.0}
+    variations:
+      - ParameterVariationList:
+          name: laserscan_gaussian_noise_std_deviation
+          values: [0.0, 0.02]
+execution:
+  runs: 2
+"""
+
 PRODUCER = """
 from vastflow.producers.model.configuration import Fragment
 from vastflow.producers.model.producer import Parameters, Producer
