@@ -14,6 +14,7 @@ from vastflow.oracles.evidence import findings
 from vastflow.oracles.evidence.causes import criteria_json, criteria_of
 from vastflow.oracles.evidence.findings import found_text
 from vastflow.oracles.evidence.varied import chosen_rows, matched_sets, named, path_property_rows, varied_rows
+from vastflow.oracles.figures.charts import threshold_figure
 from vastflow.oracles.page.words import criterion_text
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import read_tables
@@ -231,6 +232,17 @@ def test_criteria_leave_out_oracles_that_separate_or_measure(judged):
     passed, failed = ("pass", {"margin": 1.0}), ("fail", {"margin": -1.0})
     oracles = {"safety": [passed, failed], "navigation": [passed, passed], "mine": [passed, ("not judged", {})]}
     assert criteria_of(judged(oracles)) == []
+
+
+@each_row(("name", "judgement", "values"), [("margin", "pass", (0.2, 0.5)), ("update", "fail", (0.4, 0.8))])
+def test_threshold_figure_shows_pass_rates(judged, name, judgement, values):
+    oracle = "safety" if name == "margin" else "robustness"
+    runs = [(judgement, {name: value, "threshold": 0.3}) for value in values]
+    (found,) = criteria_of(judged({oracle: runs}, {oracle: {"basis": "update"}}))
+    line = threshold_figure(found, found.score).axes[0].lines[0]
+    at, rate = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+    passing = [sum(v >= x for v in values) / 2 if name == "margin" else sum(v <= x for v in values) / 2 for x in at]
+    np.testing.assert_allclose(rate, passing)
 
 
 MAP = "ab" * 32

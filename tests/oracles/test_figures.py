@@ -166,7 +166,8 @@ def test_zones_are_tinted_by_kind_and_value(occupancy):
 def test_pair_figure_has_zones_of_each_side(occupancy):
     situation = Situation(Pose(0.5, 2.0, 0.0), (Pose(3.5, 2.0, 0.0),), ())
     masks = Zones(keepout=(zone(0.5, 0.5, 100),)), Zones(speed=(zone(2.5, 2.5, 100),))
-    before, after = (Case("", occupancy, situation, (), (), zones=zones) for zones in masks)
+    paths = [("fail", np.array([(0.5, 2.0), (3.5, 2.0)]))]
+    before, after = (Case("", occupancy, situation, (), paths, 0, zones=zones) for zones in masks)
     figure = pair_figure("room", (before, after))
     points = (1.0, 1.0), (3.0, 3.0)
     (kept_out, plain), (as_plain, slower) = (colors_at(figure, axes, *points) for axes in figure.axes)

@@ -239,6 +239,16 @@ def test_trend_of_total_effect_stays_within_100_points(blocks):
     assert -1 <= low < found.change <= high <= 1
 
 
+def test_trend_over_eight_paths_of_different_lengths_is_found():
+    # Eight blocks of three settings: bins have two blocks each, which show nothing on their own.
+    lengths = np.repeat(np.linspace(5, 26, 8), 3)
+    failed = np.random.default_rng(2).binomial(20, np.clip((lengths - 4) / 25, 0, 1))
+    rows = [{"length": float(v), "setting": k % 3} for k, v in enumerate(lengths)]
+    length = next(f for f in analyzed(rows, failed, blocks=np.repeat(np.arange(8), 3)).factors if f.name == "length")
+    assert length.others.shown
+    assert length.trend.change_interval[0] < 21 / 25 < length.trend.change_interval[1]
+
+
 def test_levels_and_trend_share_error():
     failed = np.random.default_rng(5).binomial(20, 0.3, 40)
     (factor,) = analyzed([{"length": float(v)} for v in QUARTERS], failed).factors

@@ -237,14 +237,6 @@ def test_faults_of_a_file_are_reported_together_in_order(faults: Faults) -> None
     assert [complaint.split(": ")[0] for complaint in found] == places.split()
 
 
-def test_fault_found_elsewhere_is_reported_at_its_place(load: Load, folder: Path) -> None:
-    campaign = load(f"{FIXED}evaluation:\n  oracles:\n  - safety:\n      margin: -1\n")
-    fault = campaign.fault((*campaign.oracles[0].location, "margin"), "got -1", "0 or more")
-    assert str(fault).replace(f"{folder}/", "") == (
-        "c.vast:10:15: evaluation.oracles[0].safety.margin: expected 0 or more, got -1"
-    )
-
-
 WORDS = st.sampled_from(
     [
         "", " ", "\n", "\n  - ", "- ", ": ", "{", "}", "[", "]", "&a ", "*a", "<<: *a", "null", "yes", "1e3", ".nan", "'@x'", '"\\0"',

@@ -88,13 +88,6 @@ def test_expression_is_refused_when_too_long_or_deep(text, message):
         expression_of(text)
 
 
-def test_names_are_listed_once_with_what_they_can_mean():
-    names = expression_of("goal_pose.x > `a b` and goal_poses[1].y < goal_pose.x").names
-    assert [(name.text, name.offset) for name in names] == [("goal_pose.x", 0), ("a b", 14), ("goal_poses[1].y", 24)]
-    assert names[0].readings == (("goal_pose.x", ()), ("goal_pose", ("x",)))
-    assert names[2].readings == (("goal_poses", (1, "y")),)
-
-
 numbers = st.one_of(
     st.integers(0, 50).map(str),
     st.floats(0, 100, allow_nan=False).map(lambda x: f"{x:.3f}"),

@@ -151,12 +151,16 @@ def test_drawn_configuration_is_pinned(hall):
     assert only.scenario.digest == "d31ad8fdd3c288853e8416dede4b1a6b94e35915d3f36381090f2e157e2aef27"
 
 
-def test_obstacles_are_written_to_the_environment():
-    boxes = Fragment({"gain": [{"spawn_pose": {"x": 1, "y": 1}}]})
-    loose = type("Loose", (Picky,), {"produce": lambda self, inputs, draws: iter([boxes])})
-    with pytest.raises(
-        PlugInError, match="Loose writes obstacles under 'gain' as task, where no simulator looks for them"
-    ):
+@each_row(
+    ("values", "message"),
+    [
+        ({"loss": 1}, "Loose writes 'loss', which it does not declare"),
+        ({"gain": [{"spawn_pose": {"x": 1, "y": 1}}]}, "Loose writes obstacles under 'gain' as task, where no"),
+    ],
+)
+def test_producer_writes_what_it_declares_and_obstacles_to_the_environment(values, message):
+    loose = type("Loose", (Picky,), {"produce": lambda self, inputs, draws: iter([Fragment(values)])})
+    with pytest.raises(PlugInError, match=message):
         evaluate(loose(producer_module.Parameters()), {"noise": 1})
 
 

@@ -9,7 +9,6 @@ from table import each_row
 from vastflow.producers.campaign_file.search import SearchDimension, SearchSpec
 from vastflow.producers.search.conformance import CHECKS, check_strategy
 from vastflow.producers.search.criteria import best_of, criteria, plan_text, runs_until
-from vastflow.producers.search.gaussian_process import promise
 from vastflow.producers.search.sampling import Random, SamplingParameters
 from vastflow.producers.search.space import Space
 from vastflow.producers.search.strategy import Evaluation, Problem, Proposal, asked, find_strategy
@@ -105,17 +104,10 @@ PLACES = {"archive": {"bins": 5, "measures": {name: {"low": -2, "high": 2} for n
 @each_row(("name", "given"), [("optuna", {}), ("qd", PLACES)])
 def test_equal_objectives_give_points_from_the_whole_space(name, given):
     kind, parameters, problem = strategy(name, given, PLANE)
-    _, told = searched(kind, parameters, problem, lambda point: 0.0, 40)
+    found, told = searched(kind, parameters, problem, lambda point: 0.0, 40)
+    assert name != "qd" or len(found.archive) >= 18
     inner = [max(map(abs, each.proposal.point.values())) < 1 for each in told]
     assert np.mean(inner) == pytest.approx(0.25, abs=0.08)
-
-
-def test_promise_is_independent_of_the_unit():
-    units, at = np.array([[0.1], [0.3], [0.9]]), np.array([[0.2], [0.6]])
-    gains = np.array([3.0, 1.0, 2.0])
-    assert promise(units, 1e-9 * gains + 5e-9, at) == pytest.approx(promise(units, gains, at))
-    near, far = promise(units, np.ones(3), at)
-    assert near < far
 
 
 def test_minimizing_search_prefers_lowest_value():
