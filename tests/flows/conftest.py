@@ -1,4 +1,4 @@
-"""A small campaign for the tests of flows: a 6 m room, one family, and what a run of it leaves."""
+"""A small campaign for the tests of flows: a room of 6 m, one family, and what its run leaves."""
 
 import itertools
 from datetime import timedelta

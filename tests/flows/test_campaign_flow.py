@@ -143,7 +143,7 @@ def test_oracle_parameter_judges_again_without_executing_inside_event_loop(again
     assert added["judge"] >= CONFIGURATIONS
 
 
-def test_damaged_recording_is_recorded_again_and_lost_trace_observed_again(artifacts, again, counted):
+def test_damaged_recording_is_recorded_again_and_keeps_trace_and_verdicts(artifacts, again, counted):
     recording = artifacts["execute"][0] / "recordings.parquet"
     content = bytearray(recording.read_bytes())
     content[len(content) // 2] ^= 1
@@ -154,10 +154,12 @@ def test_damaged_recording_is_recorded_again_and_lost_trace_observed_again(artif
     assert {**counted(), "runs": 0} == NOTHING
     assert recording.read_bytes() != bytes(content)
     assert "is damaged and will be computed again" in (found.directory / "logs" / "campaign.log").read_text()
-    before = counted()
+
+
+def test_lost_trace_is_observed_again_only(artifacts, again, counted):
     shutil.rmtree(artifacts["observe"][0])
     assert again().summary.executed == 0
-    assert counted() == before
+    assert counted() == NOTHING
 
 
 def test_oracle_that_raises_is_a_fault_and_judged_again_after_repair(again, counted):

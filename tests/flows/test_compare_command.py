@@ -24,7 +24,7 @@ INGREDIENTS = {
 
 
 def write(folder, configurations, *, oracles=("success",), seed="", created="2026-11-22T06:00:00", system_key="noise"):
-    """A campaign directory without recordings: name to task, system, and a letter a run: p, f or n for not judged."""
+    """A campaign directory without recordings: task, system, and a letter for each run: p, f, or n for not judged."""
     folder.mkdir(parents=True)
     rows, runs, verdicts = [], [], []
     for name, (task, system, said) in configurations.items():

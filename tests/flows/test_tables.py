@@ -51,7 +51,7 @@ def read_back(path, columns, rows):
     return pq.ParquetFile(path / "t.parquet").read()
 
 
-def test_table_keeps_columns_text_and_numbers_bit_for_bit_and_escapes_invalid_utf_8(tmp_path):
+def test_table_keeps_columns_bit_for_bit_and_escapes_invalid_utf_8(tmp_path):
     assert read_back(tmp_path, REJECTIONS, []).schema.equals(REJECTIONS)
     texts = ["12", "null", 'say "no"\nthen', "σ ≥ 0.5 – 😀", "", "\\u0041", "y" * 100_000, None]
     found = read_back(tmp_path, RUNS, [{"reason": text} for text in [*texts, "no file a\udcff.csv"]])

@@ -391,7 +391,7 @@ def _environment(folder: Path) -> dict[str, str]:
 def _started(
     command: Sequence[str], environment: Mapping[str, str], out: Path, err: Path | None = None
 ) -> psutil.Popen:
-    """Start a module in a session of its own; it writes to files, the error output to that of the output by default."""
+    """Start a module in its own session; it writes to files, by default both outputs to one."""
     with open(out, "ab") as stdout, open(err or out, "ab") as stderr:
         return psutil.Popen(
             [sys.executable, "-m", *command],

@@ -65,7 +65,7 @@ print(found.hex(), hashlib.sha256(assembly.encode()).hexdigest())
 
 
 def run_python(program: str, given: str = "", folder: str | None = None) -> str:
-    """What a program prints in a process of its own."""
+    """Return the output of a program in its own process."""
     environment = {**os.environ, "PYTHONHASHSEED": "0", **({"XDG_CACHE_HOME": folder} if folder else {})}
     options = {"input": given, "env": environment, "cwd": folder, "capture_output": True, "text": True}
     done = subprocess.run([sys.executable, "-c", program], check=False, timeout=240, **options)
@@ -75,7 +75,7 @@ def run_python(program: str, given: str = "", folder: str | None = None) -> str:
 
 @pytest.fixture
 def compiled(tmp_path_factory):
-    """Result and machine code of a kernel or of a user's own function, in a process that has done something before."""
+    """Result and machine code of a kernel or a user's function, in a process that did something before."""
 
     def made(kernel: bool, *before: str) -> str:
         task = {"kernel": kernel, "before": [MEANWHILE[each] for each in before]}

@@ -20,7 +20,6 @@ def refused(text, folder=Path()):
     """The faults of a text, as they are shown."""
     with pytest.raises(FileError, match=r":\d+:\d+: .") as raised:
         read_text(text, "f.osc", folder)
-    assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
     return [str(fault) for fault in raised.value.faults]
 
 
@@ -52,6 +51,12 @@ def test_faults_of_imports_have_place_and_message(golden, tmp_path):
         return [fault.replace(f"{tmp_path}/", "") for fault in refused(main, tmp_path)]
 
     golden("scenarios", "imports", faults)
+
+
+def test_error_of_a_scenario_file_is_pickled():
+    with pytest.raises(FileError, match="no scenario") as raised:
+        read_text("", "f.osc", Path())
+    assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
 
 
 def test_actions_that_can_not_be_run_have_place_and_reason(golden):

@@ -1,4 +1,4 @@
-"""Mutants of every kind of file that users write: parts of it are changed, or all of it is an attack."""
+"""Mutants of every kind of file that users write, changed in parts or an attack as a whole."""
 
 import copy
 import json

@@ -117,7 +117,7 @@ def test_wrong_credentials_are_reported_in_one_sentence(shared_s3, s3_variables)
 
 @each_row(
     "command",
-    [["plan", "ADDRESS", "only"], ["plan", "ADDRESS"], ["run", "ADDRESS"], ["compare", "ADDRESS", "."]],
+    [["plan", "ADDRESS"], ["run", "ADDRESS"], ["compare", "ADDRESS", "."]],
 )
 def test_commands_refuse_addresses_and_name_alternatives(command):
     address = "s3://bucket/shown/nothing-1"
