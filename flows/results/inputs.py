@@ -128,8 +128,10 @@ class _Kept:
                 self.keep_snapshot(snapshot)
                 continue
             for place in snapshot.files:
-                name = os.path.normpath(Path(kept).parent / os.path.relpath(snapshot.origin / place, home))
-                self.files[Path(name).as_posix()] = snapshot.read(place)
+                path = snapshot.origin / place
+                name = Path(os.path.normpath(Path(kept).parent / os.path.relpath(path, home))).as_posix()
+                self.files[name] = snapshot.read(place)
+                self.places[Path(os.path.relpath(path, self.base)).as_posix()] = name
 
 
 def _plan_files(parameters: BaseModel) -> Iterator[str]:

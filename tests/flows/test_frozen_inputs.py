@@ -124,9 +124,12 @@ def test_inputs_have_controller_beside_parameter_file_of_other_folder(small_room
     small_room.write_text(f"{small_room.read_text()}  nav2_params: ../my_pursuit.yaml\n")
     campaign, oracles = read_campaign(small_room)
     (tmp_path / "my_pursuit.py").write_text("raise SystemExit\n")  # while it runs
-    inputs_of(campaign, oracles).write(tmp_path)
+    inputs = inputs_of(campaign, oracles)
+    inputs.write(tmp_path)
     (kept,) = (tmp_path / "inputs").rglob("my_pursuit.py")
     assert kept.read_text() == CONTROLLER["my_pursuit.py"] and kept.with_suffix(".yaml").is_file()
+    with replica(tmp_path, Asked("room.vast", 1, places=inputs.places)) as again:
+        assert controllers(scenarios_of(read_campaign(again.file)[0])) == {"PurePursuit"}
 
 
 @pytest.mark.parametrize(("file", "place"), [("c.vast", "{}/away"), ("{}/away", "x")])
