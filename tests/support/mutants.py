@@ -278,7 +278,7 @@ def laid_out(folder: Path) -> dict[str, Kind]:
         directory = file.parent
         commands = (
             *(("show", directory), ("show", "--coverage", directory), ("compare", directory, directory)),
-            *(("export", directory, directory.with_name("exported")), ("plan", directory, "rooms-1-1-1")),
+            *(("export", directory, directory.with_name("exported")), ("plan", directory, "--why")),
             *(("replay", directory, "rooms-1-1-1", "1"), ("plan", "--since", directory, probes / "every.vast")),
         )
         return rng.choice(commands)
