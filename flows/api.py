@@ -44,15 +44,15 @@ def run_campaign(
         ValueError, TypeError: an option is out of its bounds, or there is none of that name.
     """
     with open_run(request_of(campaign, options), observer or notebook_display()) as (run, computing):
-        judged = None
         if (results := current(run, computing)) is not None:
             return results
+        judged = None
         with suppress(Lost):  # a damaged artifact is found when it is read; then there is something to compute
             computing.tally.begin("scanning")
             run.store.refresh()
             judged = through(run, computing, look(run, computing))
             if judged is not None and not judged.incomplete(computing.engine):
-                return current(run, computing, judged) or reported(run, computing, judged)
+                return reported(run, computing, judged)
         return _computed(run, computing, judged)
 
 

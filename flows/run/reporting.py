@@ -82,22 +82,17 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged) -> Res
     return results
 
 
-def current(run: PreparedCampaign, computing: Computing, judged: Judged | None = None) -> Results | None:
-    """The campaign's newest directory, if the store had everything and this run would write the same.
+def current(run: PreparedCampaign, computing: Computing) -> Results | None:
+    """The campaign's newest directory, if this run would write the same and the store had everything behind it.
 
-    A campaign with steps of postprocessing has none: what they follow from can't be told.
-
-    Args:
-        judged: Complete runs found in the store; None if its own word is to do, which costs the same for any number of runs.
+    It costs the same for any number of runs. A campaign with steps of postprocessing has none: what they follow from is not known.
     """
     directory = newest_sealed(run.delivery.folder, run.name) if run.delivery.address is None else None
     if directory is None:
         return None
     metadata, key = read_json(directory / "metadata.json"), _key(run, computing)
-    if metadata.get(KEY) != key or (judged is None and run.store.find(_complete(key)) is None):
+    if metadata.get(KEY) != key or run.store.find(_complete(key)) is None:
         return None
-    if judged is not None:
-        run.store.put(_complete(key), {})
     counts = metadata["counts"]
     oracles = {name: Counts(**each) for name, each in counts["oracles"].items()}
     work = asdict(replace(run.work(), reused=counts["runs"]))
