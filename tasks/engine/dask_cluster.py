@@ -91,7 +91,7 @@ class DaskCluster:
         self._connecting: threading.Thread | None = None
         self._landed: queue.SimpleQueue[tuple[_Job, Any]] = queue.SimpleQueue()
         self._seen_s: dict[Any, float] = {}
-        self._is_known = False
+        self._told_dashboard = False
         # Of a scheduler that is away, Dask would print tracebacks; `_away` tells in one sentence.
         self._level = _DASK.level
         _DASK.setLevel(logging.CRITICAL)
@@ -235,8 +235,8 @@ class DaskCluster:
                     if not (job.is_suspect and job in self._suspects[1:]):
                         self._send(job)
             threading.Thread(target=self._take, args=(client,), name="vastflow results", daemon=True).start()
-            if not self._is_known and "dashboard" in client.scheduler_info(n_workers=0).get("services", ()):
-                self._is_known = True
+            if not self._told_dashboard and "dashboard" in client.scheduler_info(n_workers=0).get("services", ()):
+                self._told_dashboard = True
                 self._notice(f"Dask's dashboard: {client.dashboard_link}")
             self._watch(client)
             return

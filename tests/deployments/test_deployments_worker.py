@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from command_line import called, refused
+from room import drawn_room
 
 from vastflow.flows import run_campaign
 from vastflow.flows.request.run_request import RunRequest
@@ -41,10 +42,7 @@ execution: {runs: 2, timeout: 30}
 def place(tmp_path_factory):
     """A folder with the campaign; Prefect's home and the store are beside it."""
     folder = tmp_path_factory.mktemp("lab")
-    side = 60
-    cells = bytes(0 if x in (0, side - 1) or y in (0, side - 1) else 254 for y in range(side) for x in range(side))
-    (folder / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + cells)
-    (folder / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    drawn_room(folder, 60)
     (folder / "tiny.vast").write_text(CAMPAIGN)
     return folder
 

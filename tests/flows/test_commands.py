@@ -41,7 +41,7 @@ def running(monkeypatch):
 
 @pytest.fixture
 def here(small_room, tmp_path, monkeypatch):
-    """The working directory, with a campaign and much that is none."""
+    """The working directory, with a campaign among other files and folders."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("VASTFLOW_STORE", "store")
     for name in ("damaged", "results/old", "results/new", "results/.hidden.partial"):

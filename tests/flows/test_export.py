@@ -155,7 +155,7 @@ def test_export_leaves_table_beside_file_of_its_name_as_parquet(small_room, tmp_
     assert pq.read_table(folder / "b.parquet").to_pydict() == {"n": [2]}
 
 
-def test_export_tells_duplicates_faults_and_missing_verdicts_apart(small_room, tmp_path):
+def test_export_distinguishes_duplicates_faults_and_missing_verdicts(small_room, tmp_path):
     small_room.write_text(small_room.read_text().replace("[0.0, 0.02]", "[0.0, 0.0]"))
     verdicts = [Verdict("success", 0, "pass"), Verdict("safety", 0, "not judged", "there is no box")]
     found = ConfigurationResult(verdicts=verdicts, faults=[RunFault("room-1", 1, "execute", "MemoryError: 3 GB")])

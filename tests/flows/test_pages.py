@@ -155,7 +155,7 @@ def test_page_pauses_after_refused_request(client, clock, caplog):
     ]
 
 
-def test_page_tells_pace_and_workers_of_cluster(client, clock):
+def test_page_shows_pace_and_workers_of_cluster(client, clock):
     rows = [{"worker": name, "state": "paused" if name == "b" else "running"} for name in "abc"]
     page = Page("Two rooms", str(uuid4()), [].append, None, lambda: rows)
     for done in (0, 10, 20):

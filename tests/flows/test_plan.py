@@ -161,7 +161,7 @@ CASES = {
 
 
 @pytest.mark.parametrize(("edits", "counts", "why"), CASES.values(), ids=CASES)
-def test_plan_tells_cost_and_reason_of_edit(again, edits, counts, why):
+def test_plan_gives_cost_and_reason_of_edit(again, edits, counts, why):
     found = again.dry(*edits)
     assert tuple(computed(found).values()) == counts
     for stage, words in why.items():

@@ -1,4 +1,4 @@
-"""Postprocessing: a campaign file's steps over a copy of its results, and what becomes of one that fails."""
+"""Postprocessing: a campaign file's steps over a copy of its results, and the fault of a step that fails."""
 
 import json
 import sys

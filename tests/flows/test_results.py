@@ -63,7 +63,7 @@ def test_joined_blocks_have_equal_bytes_for_any_cut(blocking):
     assert (one_block(blocks_of(range(5, 8)), 5), one_block([], 5)) == (b"", b"")
 
 
-def test_joined_blocks_fill_signals_that_some_runs_lack():
+def test_joined_blocks_fill_missing_signals():
     near, far = (np.full(3, 7, dtype=np.int32), np.full(3, NOWHERE_MM, dtype=np.int32))
     without = write_block([{"run_index": 0}], [{"localization_error_mm": near}])
     having = write_block([{"run_index": 1}], [{"localization_error_mm": near, "separation_mm/box": near}])
@@ -112,7 +112,7 @@ def test_directory_is_complete_without_campaign_files(small_room, tmp_path):
     assert rows == [(name, k, 1) for name in ("room-1", "room-2") for k in (0, 1)]
 
 
-def test_results_escape_what_text_files_lack(small_room, tmp_path):
+def test_results_escape_characters_outside_utf_8(small_room, tmp_path):
     said = "no file a\udcff.csv"
     fault = RunFault("room-2", None, "judge", said)
     failed = ConfigurationResult(verdicts=[Verdict("success", k, "fail", said) for k in range(2)])

@@ -189,7 +189,7 @@ def test_sweep_removes_directory_that_was_left_a_day_ago(half, tmp_path):
         assert not half.exists()
 
 
-def test_sweep_keeps_directory_that_is_being_written(tmp_path):
+def test_sweep_keeps_directory_of_running_writer(tmp_path):
     with new_directory(tmp_path, "c", CREATED) as directory:
         aged(directory.partial, 2 * ABANDONED_S)
         assert writer_of(directory.partial) == os.getpid()

@@ -1,4 +1,4 @@
-"""`vastflow store`: what is in it, what of it is damaged, and what no kept campaign was made of."""
+"""`vastflow store`: its artifacts, damaged ones, and those of no kept campaign."""
 
 import json
 import os

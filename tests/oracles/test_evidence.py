@@ -291,7 +291,7 @@ TOLD = {"noise": 0.1, "wall offset (m)": 0.1, "missing furniture": 0.0}
         (({"world": {"seed": 5}}, {}, (), {}), {"world": {"seed": 5}}),
     ],
 )
-def test_chosen_rows_tell_draws_by_requested_values(configuration, row):
+def test_chosen_rows_name_draws_by_requested_values(configuration, row):
     assert chosen_rows(table_of(configuration), [0], {MAP: "office"}) == [row]
 
 

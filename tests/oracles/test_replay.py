@@ -143,7 +143,7 @@ def texts(figure):
     return [text.get_text() for text in figure.texts]
 
 
-def test_strip_numbers_pictures_and_tells_happenings(occupancy):
+def test_strip_numbers_pictures_and_names_events(occupancy):
     said = texts(still.strip_figure(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 31, 59)]))
     numbered = [text for text in said if text.endswith(" s") and text[0].isdigit()]
     assert numbered == ["1   0.00 s", "2   1.00 s", "3   1.55 s", "4   2.95 s"]
@@ -222,7 +222,7 @@ def test_activities_are_described_in_words(changes, words):
     assert story.doing(moving(**changes), a_run()) == words
 
 
-def test_doing_and_numbers_tell_ending_and_motion():
+def test_doing_and_numbers_give_ending_and_motion():
     assert story.doing(moving(activity="ended"), a_run(outcome="aborted")) == "mission given up"
     assert story.numbers(moving(recoveries=1)) == "0.25 m/s, 29°/s · localization 12 cm off · 1 recovery"
     assert story.numbers(moving(speed_mps=-0.001, yaw_rate_radps=0.0)).startswith("0.00 m/s ·")

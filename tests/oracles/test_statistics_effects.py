@@ -84,7 +84,7 @@ def test_matched_sets_of_two_levels_have_exact_p_values():
 PLACES, FEW, MANY = [[0, 0, 5]] * 4, [[0, 5], [0, 4], [0, 3], [0, 2], [0, 2]], [[0, 2], [1, 4], [0, 3]] * 3
 
 
-def test_factor_text_tells_these_from_other_paths():
+def test_factor_text_distinguishes_these_from_other_paths():
     # The quickstart's noise, 12 of 30 and none of 30, and its boxes per meter, 0, 7 and 11 of 20.
     noise, boxes = [[0, 5], [0, 0], [0, 0], [0, 4], [0, 3], [0, 0]], [[0, 4, 5], [0, 0, 0], [0, 3, 1], [0, 0, 5]]
     for failed, values in ((noise, [0.0, 0.4]), (boxes, [0.0, 0.6, 0.9])):

@@ -1,4 +1,4 @@
-"""Constraints: what they look at, what they exclude, and what is said of them."""
+"""Constraints: the values they read, the configurations they exclude, and their faults."""
 
 import pytest
 from families import Campaign, family, grown, levels, made, write_map

@@ -1,4 +1,4 @@
-"""The FloorPlan DSL as text: what is accepted, and what is said of what is not."""
+"""The text of the FloorPlan DSL: accepted files, and the faults of others."""
 
 import re
 

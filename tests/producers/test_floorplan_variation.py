@@ -1,4 +1,4 @@
-"""The Variation DSL: the documented numbers, and what is said of a file that varies what is not there."""
+"""The Variation DSL: documented numbers, and faults of files that vary a missing element."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Minimization: what is left of a failing scenario, and what is asked to find it."""
+"""Minimization: the smallest failing scenario, and the candidates tried to find it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The section `robot` of a family: what it sets, what is refused, and what is said of the rest."""
+"""The section `robot` of a family: its values, its faults, and its notes."""
 
 import math
 

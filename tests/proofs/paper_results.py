@@ -77,7 +77,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Some of the configurations, and what is said of their runs."""
+    """Some of the configurations, with the counts of their runs."""
 
     name: str
     configurations: int

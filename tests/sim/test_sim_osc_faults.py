@@ -1,4 +1,4 @@
-"""Scenario files that are refused: where, what was found, what would be right."""
+"""Scenario files that are refused: place, problem, and expected value."""
 
 import pickle
 from pathlib import Path

@@ -11,6 +11,7 @@ import time
 import psutil
 import pyarrow.parquet as pq
 import pytest
+from room import drawn_room
 
 from vastflow.flows import run_campaign
 from vastflow.tasks.engine import dask_worker
@@ -183,12 +184,8 @@ def cluster(tmp_path):
 @pytest.fixture
 def room(tmp_path):
     """A campaign whose map lies beside its folder, with an oracle of its own."""
-    side = 60
-    cells = bytes(0 if x in (0, side - 1) or y in (0, side - 1) else 254 for y in range(side) for x in range(side))
-    (tmp_path / "maps").mkdir()
+    drawn_room(tmp_path / "maps", 60)
     (tmp_path / "campaign").mkdir()
-    (tmp_path / "maps" / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + cells)
-    (tmp_path / "maps" / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
     (tmp_path / "campaign" / "own_oracle.py").write_text(ORACLE)
     (tmp_path / "campaign" / "room.vast").write_text(ROOM)
     return tmp_path / "campaign" / "room.vast"

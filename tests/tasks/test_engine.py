@@ -209,7 +209,7 @@ def test_whole_unit_leaves_nothing_to_the_other_stages(engine, pool):
     assert (engine.tally.progress().passed, engine.tally.progress().failed) == (1, 1)
 
 
-def test_whole_unit_tells_which_stage_broke(engine, pool):
+def test_whole_unit_names_stage_that_broke(engine, pool):
     pool.whole_units = True
     later = (("judge", (0, 2), Broken("ValueError: x")),)
     pool.answers["compute", "a"] = Computed({0: 1.0, 1: 1.0}, {}, 1.0, (), later)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from room import drawn_room
 
 from vastflow.flows import run_campaign
 from vastflow.flows.flow_runs import flow_call
@@ -39,10 +40,7 @@ CONFIGURATIONS = 2
 @pytest.fixture
 def file(tmp_path, monkeypatch, prefect_home):
     """The campaign's file; its map and Prefect's home are beside it."""
-    side = 60
-    cells = bytes(0 if x in (0, side - 1) or y in (0, side - 1) else 254 for y in range(side) for x in range(side))
-    (tmp_path / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + cells)
-    (tmp_path / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    drawn_room(tmp_path, 60)
     (tmp_path / "remote.vast").write_text(CAMPAIGN)
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)

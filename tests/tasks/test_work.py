@@ -172,7 +172,7 @@ def test_whole_unit_goes_through_all_stages(store, simulate):
     assert work.compute(store, keys, "checked", SCENARIO, 2, 4, oracles).artifacts == computed.artifacts[3:]
 
 
-def test_whole_unit_tells_which_stage_broke(store, simulate):
+def test_whole_unit_names_stage_that_broke(store, simulate):
     simulate()
     keys = Keys("numeric", "e", "o", "j", 0, [])
     ((stage, block, broken),) = work.compute(store, keys, "checked", SCENARIO, 0, 2, LocalPickle(b"junk")).later
