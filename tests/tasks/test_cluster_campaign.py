@@ -150,6 +150,9 @@ class Cluster:
     def worker(self, **variables):
         return self.started("worker", "--nthreads", "1", "--memory-limit", "0", **variables)
 
+    def wait_for_worker(self):
+        wait_until(lambda: "Register worker" in (self.folder / "log").read_text())
+
     def started(self, *arguments, **variables):
         file = ("--scheduler-file", str(self.file), "--no-dashboard")
         with open(self.folder / "log", "ab") as log:
@@ -292,7 +295,7 @@ def test_restarted_scheduler_is_found(cluster, programs, tmp_path):
 def test_worker_with_other_code_is_refused_with_both_digests(cluster, programs, tmp_path):
     cluster.worker(NUMBA_OPT="1")
     own = dask_worker.own_code()[0][:12]
-    time.sleep(8)
+    cluster.wait_for_worker()
     with pytest.raises(
         ClusterError, match=rf"worker tcp://\S+ has other code \(\w{{12}}\) than this campaign \({own}\)"
     ):
@@ -302,7 +305,7 @@ def test_worker_with_other_code_is_refused_with_both_digests(cluster, programs, 
 
 def test_late_worker_with_other_code_gets_nothing(cluster, programs, tmp_path):
     cluster.worker()
-    time.sleep(8)
+    cluster.wait_for_worker()
     late = []
 
     class Watching:
