@@ -17,7 +17,7 @@ from vastflow.flows.export.junit import Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, case_of, files_of, table_csv
 from vastflow.flows.results.tables import KeptLogs
 from vastflow.oracles.results.executed import KeptFiles
-from vastflow.oracles.results.schema import behaviors_of, table_of
+from vastflow.oracles.results.schema import behaviors_of, table_of, table_rows
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.blocks import read_block
@@ -42,7 +42,8 @@ class ExportSource:
             campaign_file = yaml_value(tables.campaign) or {}
             self._scenario_file = Path(campaign_file.get("execution", {}).get("scenario_file") or "").name
             self.configurations = tables.configurations.rows()
-            self._rows = {(row["configuration"], row["run_index"]): row for row in tables.runs.to_pylist()}
+            runs = table_rows(directory / "runs.parquet")
+            self._rows = {(row["configuration"], row["run_index"]): row for row in runs}
             self._verdicts: defaultdict[str, defaultdict[int, list[Mapping[str, Any]]]]
             self._verdicts = defaultdict(lambda: defaultdict(list))
             for verdict in tables.verdicts.rows():

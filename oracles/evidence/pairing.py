@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.oracles.results.schema import read_columns
 from vastflow.oracles.results.tables import NOT_JUDGED, PASS, Tables, together
 from vastflow.oracles.statistics.comparison import Pairs
 
@@ -127,7 +128,8 @@ def _runs(tables: Tables, matched: Sequence[str]) -> "pd.DataFrame":
     import pandas as pd  # takes a third of a second
 
     verdicts, keys = tables.verdicts, ["configuration", "run_index"]
-    runs = tables.runs.select([*keys, "seed"]).to_pandas().drop_duplicates(["configuration", "seed"], keep="last")
+    runs = read_columns(tables.directory / "runs.parquet", "configuration").select([*keys, "seed"]).to_pandas()
+    runs = runs.drop_duplicates(["configuration", "seed"], keep="last")
     judged = pd.DataFrame(
         {
             keys[0]: np.array(verdicts.names, dtype=object)[verdicts.configuration],

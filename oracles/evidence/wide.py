@@ -2,11 +2,14 @@
 
 import json
 from collections.abc import Container, Iterable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.varied import path_property_rows, varied_rows
@@ -15,6 +18,7 @@ from vastflow.oracles.results.schema import codes, floats, integers
 from vastflow.oracles.results.tables import FAIL, PASS, Tables, run_keys
 
 WIDE_FILE: Final = "runs_wide.parquet"
+_ROWS: Final = 1 << 17
 _TEXTS: Final = ("outcome", "reason", "cause", "stood_still")
 _NUMBERS: Final = ("simulated_s", "distance_m", "recoveries", "missed_goals", "contacts")
 
@@ -45,7 +49,15 @@ def wide_table(tables: Tables) -> pd.DataFrame:
 
 
 def write_wide(directory: Path, found: pd.DataFrame) -> None:
-    found.to_parquet(directory / WIDE_FILE, compression="zstd", index=False)
+    """Write a wide table in parts, as a copy of a million rows in pyarrow's form takes 100 MB."""
+    with ExitStack() as stack:
+        writer = None
+        for start in range(0, max(len(found), 1), _ROWS):
+            rows = pa.Table.from_pandas(found.iloc[start : start + _ROWS], preserve_index=False)
+            writer = writer or stack.enter_context(
+                pq.ParquetWriter(directory / WIDE_FILE, rows.schema, compression="zstd")
+            )
+            writer.write_table(rows)
 
 
 def _of_runs(tables: Tables) -> dict[str, Any]:

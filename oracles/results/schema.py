@@ -59,7 +59,8 @@ RUNS: Final = pa.schema(
 )
 JUDGED_RUNS: Final = RUNS.append(pa.field("cause", _TEXT))
 """Columns of `runs.parquet`: records of each run, and the cause of its failure."""
-VERDICTS: Final = pa.schema({**_RUN, **dict.fromkeys(("oracle", "judgement", "reason", "metrics"), _TEXT)})
+METRICS: Final = "metrics"
+VERDICTS: Final = pa.schema({**_RUN, **dict.fromkeys(("oracle", "judgement", "reason", METRICS), _TEXT)})
 
 
 class TableWriter:
@@ -148,15 +149,27 @@ def plain(value: Value) -> Any:
     return [plain(item) for item in value]
 
 
-def read_columns(file: Path, *texts: str) -> pa.Table:
-    """A parquet file, its columns `texts` dictionary-encoded.
+def read_columns(file: Path, *texts: str, without: str = "") -> pa.Table:
+    """A parquet file without one of its columns, its columns `texts` dictionary-encoded.
 
     Raises:
         Unreadable: it is missing or damaged.
     """
     with _reading(file.name):
-        table = pq.ParquetFile(file, read_dictionary=list(texts)).read()  # pq.read_table imports 0.1 s more
-        return table.unify_dictionaries().combine_chunks()
+        rows = pq.ParquetFile(file, read_dictionary=list(texts))  # pq.read_table imports 0.1 s more
+        columns = [name for name in rows.schema_arrow.names if name != without]
+        return rows.read(columns=columns).unify_dictionaries()
+
+
+def text_batches(file: Path, column: str, rows: int) -> Iterator[pa.Array]:
+    """A column of texts, a bounded number of rows at a time.
+
+    Raises:
+        Unreadable: the file is missing or damaged.
+    """
+    with _reading(file.name):
+        for batch in pq.ParquetFile(file).iter_batches(rows, columns=[column]):
+            yield batch[0]
 
 
 def table_rows(file: Path, *columns: str) -> list[dict[str, Any]]:

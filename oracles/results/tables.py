@@ -2,7 +2,7 @@
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.results.factors import blocks_of
-from vastflow.oracles.results.schema import codes, floats, integers, read_columns
+from vastflow.oracles.results.schema import METRICS, codes, floats, integers, read_columns, table_rows, text_batches
 from vastflow.sim.model.files import read_json, read_text
 
 if TYPE_CHECKING:
@@ -27,6 +27,8 @@ ABSENT: Final = 3
 """Code of a run that an oracle says nothing of."""
 PASS, FAIL, NOT_JUDGED = CODES.values()
 _RUNS: Final = 1 << 31
+_PARSED_ROWS: Final = 1 << 16
+"""Number of verdicts whose metrics are parsed at once: their texts take ten times the memory of the columns."""
 
 
 def run_keys(configuration: NDArray[np.int64], run_index: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -118,6 +120,7 @@ class VerdictTable:
     Args:
         table: The rows of `verdicts.parquet`.
         names: Configurations, in the order of which runs are sorted.
+        file: The file, if metrics are read from it when they are asked for; None if `table` has them.
 
     Attributes:
         oracles: Names of the oracles in the order they judged.
@@ -129,8 +132,8 @@ class VerdictTable:
         ValueError: a verdict of a configuration that there is not, or a judgement that is none.
     """
 
-    def __init__(self, table: pa.Table, names: list[str]) -> None:
-        self.table, self.names = table, tuple(names)
+    def __init__(self, table: pa.Table, names: list[str], file: Path | None = None) -> None:
+        self.table, self.names, self._file = table, tuple(names), file
         (said, judgements), (configuration, judged) = codes(table["judgement"]), codes(table["configuration"])
         places = {name: place for place, name in enumerate(names)}
         if unknown := {*judged} - {*names}:
@@ -146,7 +149,6 @@ class VerdictTable:
         self._said = code[said]
         self.judgements = np.full((len(runs), len(oracles)), ABSENT, dtype=np.int8)
         self.judgements[self._run, self._oracle] = self._said
-        self._metrics: dict[str, Mapping[str, MetricColumn]] = {}
 
     def __len__(self) -> int:
         return len(self.run_index)
@@ -185,28 +187,43 @@ class VerdictTable:
 
         Raises:
             ValueError: metrics that are no JSON objects.
+            Unreadable: the file is damaged.
         """
-        if oracle not in self._metrics:
-            rows = np.flatnonzero(self._oracle == self.oracles.index(oracle))
-            indices = pa.Array.from_buffers(pa.int64(), len(rows), [None, pa.py_buffer(rows)])
-            lines: list[str] = self.table["metrics"].take(indices).to_pylist()
-            content = "\n".join(lines).encode()
-            options = pyarrow.json.ReadOptions(use_threads=False, block_size=len(content) + 1)
-            empty = all(line == "{}" for line in lines)  # of which pyarrow makes no rows
-            columns = pa.table({}) if empty else pyarrow.json.read_json(io.BytesIO(content), read_options=options)
-            self._metrics[oracle] = {
-                name: self._metric(columns[name].combine_chunks(), self._run[rows]) for name in columns.column_names
-            }
-        return self._metrics[oracle]
+        return self._metrics[self.oracles.index(oracle)]
 
-    def _metric(self, column: pa.Array, runs: NDArray[np.int64]) -> MetricColumn:
-        values = np.full(len(self), np.nan)
-        values[runs] = floats(pc.struct_field(column, "value"))
-        units = pc.unique(pc.drop_null(pc.struct_field(column, "unit"))).to_pylist()
-        return MetricColumn(units[-1] if units else "", values)
+    @cached_property
+    def _metrics(self) -> list[Mapping[str, MetricColumn]]:
+        found: list[dict[str, MetricColumn]] = [{} for _ in self.oracles]
+        start = 0
+        for texts in self._texts():
+            stop = start + len(texts)
+            for oracle, metrics in enumerate(found):
+                rows = np.flatnonzero(self._oracle[start:stop] == oracle)
+                self._read_metrics(texts.take(pa.array(rows)).to_pylist(), self._run[start + rows], metrics)
+            start = stop
+        return list(found)
+
+    def _texts(self) -> Iterator[pa.Array]:
+        if self._file is not None:
+            return text_batches(self._file, METRICS, _PARSED_ROWS)
+        return (batch[0] for batch in self.table.select([METRICS]).to_batches(_PARSED_ROWS))
+
+    def _read_metrics(self, lines: list[str], runs: NDArray[np.int64], found: dict[str, MetricColumn]) -> None:
+        if all(line == "{}" for line in lines):  # of which pyarrow makes no rows
+            return
+        content = "\n".join(lines).encode()
+        options = pyarrow.json.ReadOptions(use_threads=False, block_size=len(content) + 1)
+        columns = pyarrow.json.read_json(io.BytesIO(content), read_options=options)
+        for name in columns.column_names:
+            column = columns[name].combine_chunks()
+            before = found.get(name) or MetricColumn("", np.full(len(self), np.nan))
+            before.values[runs] = floats(pc.struct_field(column, "value"))
+            units = pc.unique(pc.drop_null(pc.struct_field(column, "unit"))).to_pylist()
+            found[name] = MetricColumn(units[-1] if units else before.unit, before.values)
 
     def rows(self) -> list[dict[str, Any]]:
-        return [{**row, "metrics": json.loads(row["metrics"])} for row in self.table.to_pylist()]
+        rows = self.table.to_pylist() if self._file is None else table_rows(self._file)
+        return [{**row, METRICS: json.loads(row[METRICS])} for row in rows]
 
 
 def together(said: NDArray[np.int8]) -> NDArray[np.int8]:
@@ -217,7 +234,7 @@ def together(said: NDArray[np.int8]) -> NDArray[np.int8]:
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """The tables of a campaign directory, in columns; `campaign` is the text of the campaign file."""
+    """The tables of a campaign directory, in columns; `campaign` is the text of the campaign file, `runs` has no seeds."""
 
     directory: Path
     metadata: Mapping[str, Any]
@@ -255,7 +272,8 @@ def read_tables(directory: Path) -> Tables:
         ValueError: one is damaged.
     """
     configurations = ConfigurationTable(read_columns(directory / "configurations.parquet"))
-    verdicts = read_columns(directory / "verdicts.parquet", "configuration", "family", "oracle", "judgement", "reason")
+    file = directory / "verdicts.parquet"
+    verdicts = read_columns(file, "configuration", "family", "oracle", "judgement", "reason", without=METRICS)
     metadata = read_json(directory / "metadata.json")
     if (
         not isinstance(metadata, dict)
@@ -269,6 +287,6 @@ def read_tables(directory: Path) -> Tables:
         campaign=read_text(directory / "campaign.vast"),
         configurations=configurations,
         rejections=read_columns(directory / "rejections.parquet").to_pylist(),
-        runs=read_columns(directory / "runs.parquet", "configuration", "family", "outcome", "reason"),
-        verdicts=VerdictTable(verdicts, configurations.names),
+        runs=read_columns(directory / "runs.parquet", "configuration", "family", "outcome", "reason", without="seed"),
+        verdicts=VerdictTable(verdicts, configurations.names, file),
     )
