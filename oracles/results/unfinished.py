@@ -78,7 +78,7 @@ def is_running(place: Path) -> bool:
         return False
 
 
-def ask_to_stop(directory: Path, reason: str) -> None:
+def ask_to_stop(directory: str | Path, reason: str) -> None:
     """Ask the process of a running campaign to stop as after Ctrl-C; it hears within a second or two.
 
     Args:
@@ -87,7 +87,7 @@ def ask_to_stop(directory: Path, reason: str) -> None:
     Raises:
         UserError: it is not running, or its folder can't be written.
     """
-    place = place_of(directory)
+    place = place_of(Path(directory))
     if place is None or not is_running(place):
         raise UserError(f"{directory}: expected a running campaign, got one that has ended")
     asked = place / f".{STOP}.{os.getpid()}"
