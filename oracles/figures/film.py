@@ -1,4 +1,4 @@
-"""Films: pictures of one size as MP4 (H.264), WebP or GIF; the same pictures give the same bytes."""
+"""Films: pictures of one size as MP4 (H.264) or WebP; the same pictures give the same bytes."""
 
 import subprocess
 from collections.abc import Iterable, Iterator
@@ -7,9 +7,6 @@ from pathlib import Path
 from typing import Final
 
 from PIL import Image
-
-KINDS: Final = (".mp4", ".webp", ".gif")
-"""Suffixes of film files."""
 
 _SAID: Final = 500
 """Characters of ffmpeg's complaint that are kept, the last ones."""
