@@ -6,11 +6,13 @@ imported inside the commands.
 
 import gc
 import sys
+from importlib.metadata import EntryPoint, entry_points
 from importlib.metadata import version as version_of
 from typing import Annotated, Any, Final
 
 import typer
 from typer.core import TyperGroup
+from typer.main import get_command
 
 from vastflow.flows.cli.compare import compare
 from vastflow.flows.cli.deploy import deploy
@@ -44,9 +46,22 @@ RENAMED: Final = {
 }
 """Former commands to those that do the same now."""
 
+GROUP: Final = "vastflow.commands"
+"""Entry points of commands of higher layers, functions as typer takes them; only what they import at once must be light."""
+
 
 class Commands(TyperGroup):
     """Commands that report user errors without a traceback, and keep their exit codes when a plug-in raises `SystemExit`."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of this layer's commands, then those of the entry points."""
+        own = super().list_commands(ctx)
+        return [*own, *sorted({entry.name for entry in entry_points(group=GROUP)} - {*own})]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command of this layer, or else of an entry point."""
+        # Looked up no earlier, as it takes 10 ms.
+        return super().get_command(ctx, cmd_name) or next(map(_loaded, entry_points(group=GROUP, name=cmd_name)), None)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find a command; the name of a former one is an error that names its successor."""
@@ -65,6 +80,13 @@ class Commands(TyperGroup):
         except SystemExit as error:
             print(f"a plug-in's code raised SystemExit({error.code!r}), which would end vastflow", file=sys.stderr)
             raise typer.Exit(3) from None
+
+
+def _loaded(entry: EntryPoint) -> Any:
+    """Return the function of an entry point as a command."""
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+    alone.command(entry.name)(entry.load())
+    return get_command(alone)
 
 
 def _print_version(asked: bool) -> None:

@@ -60,7 +60,8 @@ def wrong_names(names: list[str]) -> list[str]:
     """Problems of what the wheel holds."""
     packages = [init.parent for layer in LAYERS for init in (ROOT / layer).rglob("__init__.py")]
     needed = {file for folder in packages for file in folder.iterdir() if file.suffix in (".py", ".j2", ".typed")}
-    needed |= {file for kind in ("pools/*.json", "templates/*.yaml") for file in (ROOT / "deployments").glob(kind)}
+    kinds = ("pools/*.json", "templates/*.yaml", "explorer/static/*", "explorer/templates/*.j2")
+    needed |= {file for kind in kinds for file in (ROOT / "deployments").glob(kind)}
     campaigns = {
         *(ROOT / "campaigns" / "scenarios").glob("*.osc"),
         *(ROOT / "campaigns" / "scenarios").glob("hall.*"),

@@ -1,0 +1,1 @@
+"""The explorer: campaigns in the browser, while they run and afterwards."""

@@ -1,0 +1,178 @@
+"""Campaign directories below the folders that the explorer was given."""
+
+import hashlib
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias
+
+from vastflow.flows.results.address import METADATA
+from vastflow.oracles.results.events import EVENTS, LAST, Event, event_of
+from vastflow.oracles.results.unfinished import final_of, is_running
+from vastflow.sim.model.files import read_json
+
+State: TypeAlias = Literal["running", "finished", "stopped", "damaged"]
+
+DEEPEST: Final = 5
+"""Folders below a given one that are looked into."""
+
+_NAMED: Final = re.compile(r"(.+)-(\d{4}-\d\d-\d\d)-(\d\d)(\d\d)(\d\d)(-\d+)?")
+"""Name of a campaign directory: that of the campaign, and when it was begun."""
+_END_BYTES: Final = 8192
+"""Part of the events that is read for the first and for the last."""
+_FILES: Final = (
+    *(METADATA, "campaign.vast", "report.html", EVENTS),
+    *(f"{table}.parquet" for table in ("configurations", "rejections", "runs", "verdicts")),
+    *("recordings", "traces", "environments", "inputs", "outputs", "logs", "figures"),
+)
+"""Names in a campaign directory that must not lead out of it."""
+
+
+class NoSuchCampaign(LookupError):
+    """No campaign directory has the id of an address."""
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignDirectory:
+    """A campaign directory, finished or not.
+
+    Attributes:
+        id: Text for addresses. It stays the same when a running campaign ends.
+        path: Where it is now. A running campaign's folder is hidden, and renamed when the campaign ends.
+        name: Name of the campaign, which several directories share.
+        created: Local time in ISO 8601; empty where nothing tells it.
+        metadata: Content of `metadata.json`; empty while there is none.
+        problem: What is wrong with a damaged directory, or why a campaign stopped; may be empty.
+    """
+
+    id: str
+    path: Path
+    name: str
+    created: str
+    state: State
+    metadata: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    problem: str = ""
+
+
+class Directories:
+    """The campaign directories below some folders, looked up anew for each request.
+
+    Args:
+        roots: Folders of campaign directories, or such directories themselves.
+    """
+
+    def __init__(self, roots: Sequence[Path]) -> None:
+        self.roots = tuple(root.resolve() for root in roots)
+        self._known: dict[Path, tuple[tuple[int, int, int], CampaignDirectory]] = {}
+
+    def all(self) -> list[CampaignDirectory]:
+        """Return every campaign directory, newest first."""
+        found = {path: self._read(path) for root in self.roots for path in _below(root, DEEPEST)}
+        self._known = {path: known for path, known in self._known.items() if path in found}
+        return sorted(found.values(), key=lambda each: (each.created, each.path.name), reverse=True)
+
+    def find(self, id: str) -> CampaignDirectory:
+        """Return the campaign directory with an id.
+
+        Raises:
+            NoSuchCampaign: there is none, or it was removed.
+        """
+        for path, (_, known) in list(self._known.items()):
+            if known.id == id and path.is_dir():
+                return self._read(path)
+        for each in self.all():
+            if each.id == id:
+                return each
+        raise NoSuchCampaign("No campaign directory has this id; it may have been moved or removed.")
+
+    def _read(self, path: Path) -> CampaignDirectory:
+        """Return a directory, from memory while its `metadata.json` is unchanged."""
+        if final_of(path) != path:
+            return _unfinished(path)
+        try:
+            status = (path / METADATA).stat()
+        except OSError:
+            return _finished(path)
+        stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
+        if path not in self._known or self._known[path][0] != stamp:
+            self._known[path] = (stamp, _finished(path))
+        return self._known[path][1]
+
+
+def _below(folder: Path, depth: int) -> Iterator[Path]:
+    """Yield campaign directories at or below a folder; links are not followed, as they may lead out of it."""
+    if final_of(folder) != folder or os.path.lexists(folder / METADATA):
+        yield folder
+        return
+    if depth < 0:
+        return
+    try:
+        inside = sorted(entry.path for entry in os.scandir(folder) if entry.is_dir(follow_symlinks=False))
+    except OSError:  # removed meanwhile, or not ours to read
+        return
+    for path in map(Path, inside):
+        if not path.name.startswith(".") or final_of(path) != path:
+            yield from _below(path, depth - 1)
+
+
+def _id(final: Path) -> str:
+    readable = re.sub(r"[^A-Za-z0-9._-]+", "-", final.name)[:80]
+    return f"{readable}-{hashlib.sha256(os.fsencode(final)).hexdigest()[:8]}"
+
+
+def _unfinished(path: Path) -> CampaignDirectory:
+    """Return the directory of a campaign that runs, was stopped, or whose process is gone."""
+    final = final_of(path)
+    named = _NAMED.fullmatch(final.name)
+    assert named is not None  # or it would not be unfinished
+    name, created = named[1], f"{named[2]}T{named[3]}:{named[4]}:{named[5]}"
+    first, last = _ends(path / EVENTS) if _within(path, EVENTS) else (None, None)
+    if first is not None and isinstance(first.values.get("name"), str):
+        name = first.values["name"]  # the folder's name lacks characters
+    if is_running(path):
+        return CampaignDirectory(_id(final), path, name, created, "running")
+    told = last.values.get("reason") if last is not None and last.event in LAST else None
+    return CampaignDirectory(_id(final), path, name, created, "stopped", problem=str(told or "its process is gone"))
+
+
+def _ends(file: Path) -> tuple[Event | None, Event | None]:
+    """Return the first and the last event of a file; None for what is not there."""
+    try:
+        with open(file, "rb") as events:
+            head = events.read(_END_BYTES).split(b"\n")[0]
+            size = events.seek(0, os.SEEK_END)
+            events.seek(max(0, size - _END_BYTES))
+            *_, tail = [b"", *events.read().split(b"\n")[:-1]]
+    except OSError:
+        return None, None
+    found: list[Event | None] = []
+    for line in (head, tail):
+        try:
+            found.append(event_of(line))
+        except (ValueError, KeyError, TypeError, AttributeError):
+            found.append(None)
+    return found[0], found[1]
+
+
+def _finished(path: Path) -> CampaignDirectory:
+    problem, metadata = "", {}
+    try:
+        if led := next((name for name in _FILES if not _within(path, name)), None):
+            raise ValueError(f"{led} is a link out of the directory")
+        content = read_json(path / METADATA)
+        metadata = content if isinstance(content, dict) else {}
+        lacking = {"name", "created", "counts"} - metadata.keys()
+        if lacking or not isinstance(metadata["counts"], dict):
+            raise ValueError(f"{METADATA} has no {min(lacking, default='counts')}")
+    except (OSError, ValueError) as error:
+        problem = " ".join(str(error).split())
+    name, created = (str(metadata.get(key, "")) for key in ("name", "created"))
+    state: State = "damaged" if problem else "finished"
+    return CampaignDirectory(_id(path), path, name or path.name, created, state, metadata, problem)
+
+
+def _within(folder: Path, name: str) -> bool:
+    place = folder / name
+    return not place.is_symlink() or place.resolve().is_relative_to(folder)

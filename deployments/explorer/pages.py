@@ -1,0 +1,65 @@
+"""Pages: templates of the package, filled in and answered."""
+
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import urlencode
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
+
+TEMPLATES: Final = Path(__file__).with_name("templates")
+API: Final = "/api/"
+"""Addresses whose errors are JSON, as programs read them."""
+
+
+class Pages:
+    """The templates, with values escaped."""
+
+    def __init__(self) -> None:
+        self._environment = Environment(
+            loader=FileSystemLoader(TEMPLATES),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        self._environment.globals["address"] = address
+        self._environment.filters |= {"percent": percent, "count": count, "moment": moment, "points": points}
+
+    def page(self, request: Request, template: str, status: int = 200, **values: Any) -> HTMLResponse:
+        """Return a page; `request` and `values` are names in the template."""
+        return HTMLResponse(self._environment.get_template(template).render(request=request, **values), status)
+
+    def sentence(self, request: Request, status: int, text: str) -> Response:
+        """Return a page, or JSON below `/api/`, that says in one sentence what went wrong."""
+        if request.url.path.startswith(API):
+            return JSONResponse({"error": text}, status)
+        return self.page(request, "sentence.html.j2", status, text=text, number=status)
+
+
+def address(path: str, **query: object) -> str:
+    """Return an address with names in its query, whatever characters they have; None leaves a name out."""
+    given = {key: value for key, value in query.items() if value is not None}
+    return f"{path}?{urlencode(given)}" if given else path
+
+
+def percent(share: float | None) -> str:
+    """Return a share in percent, or a dash for one that was not measured."""
+    return "–" if share is None else f"{100 * share:.1f} %"
+
+
+def points(share: float) -> str:
+    """Return a difference of shares in percentage points, with its sign."""
+    text = f"{100 * share:+.1f}".replace("-", "−")
+    return "0.0" if text in ("+0.0", "−0.0") else text
+
+
+def count(number: float) -> str:
+    """Return a number with separators of thousands."""
+    return f"{number:,}"
+
+
+def moment(iso: str) -> str:
+    """Return a time of ISO 8601 for people, to the minute."""
+    return iso.replace("T", " ")[:16]

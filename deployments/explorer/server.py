@@ -1,0 +1,73 @@
+"""The server: the pages' routes, behind the guard, on this machine."""
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response
+from starlette.routing import Route
+
+from vastflow.deployments.explorer import campaigns_page, comparison_page, live_page
+from vastflow.deployments.explorer.directories import Directories, NoSuchCampaign
+from vastflow.deployments.explorer.pages import Pages
+from vastflow.deployments.explorer.security import HEADERS, Guard
+from vastflow.sim.model.faults import UserError
+
+STATIC: Final = Path(__file__).with_name("static")
+PAGES: Final = (campaigns_page, comparison_page, live_page)
+_A_DAY: Final = {"Cache-Control": "max-age=86400, immutable"}
+
+
+def application(directories: Directories, token: str) -> Starlette:
+    """Return the explorer of some campaign directories, to which `token` admits."""
+    pages = Pages()
+    files = {file.name: file for file in STATIC.iterdir()}
+
+    async def static(request: Request) -> Response:
+        # Looked up, and joined to no folder.
+        if (file := files.get(request.path_params["name"])) is None:
+            raise HTTPException(404)
+        return FileResponse(file)
+
+    async def plotly(request: Request) -> Response:
+        return FileResponse(plotly_script(), media_type="text/javascript", headers=_A_DAY)
+
+    async def missing(request: Request, error: Exception) -> Response:
+        return pages.sentence(request, 404, str(error))
+
+    async def unusable(request: Request, error: Exception) -> Response:
+        return pages.sentence(request, 409, str(error))
+
+    async def refused(request: Request, error: Exception) -> Response:
+        assert isinstance(error, HTTPException)
+        words = {404: "There is nothing at this address.", 405: "This address takes no such request."}
+        return pages.sentence(request, error.status_code, words.get(error.status_code, error.detail))
+
+    async def failed(request: Request, error: Exception) -> Response:
+        # Starlette raises it again, so that the terminal shows where; this reply does not pass the guard.
+        reply = pages.sentence(request, 500, f"The explorer failed: {type(error).__name__}: {error}")
+        reply.headers.update(HEADERS)
+        return reply
+
+    routes = [each for page in PAGES for each in page.routes(directories, pages)]
+    return Starlette(
+        routes=[*routes, Route("/static/{name}", static), Route("/plotly.js", plotly)],
+        middleware=[Middleware(Guard, token=token, refuse=pages.sentence)],
+        exception_handlers={
+            NoSuchCampaign: missing,
+            UserError: unusable,
+            HTTPException: refused,
+            Exception: failed,
+        },
+    )
+
+
+def plotly_script() -> Path:
+    """Return plotly.js, which the Python package carries; importing the package would take a second."""
+    found = find_spec("plotly")
+    assert found is not None and found.origin is not None  # a dependency
+    return Path(found.origin).with_name("package_data") / "plotly.min.js"

@@ -1,0 +1,63 @@
+"""Serving: a socket, a token, and the browser that is sent there."""
+
+import secrets
+import socket
+import sys
+import threading
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import uvicorn
+
+from vastflow.deployments.explorer.directories import Directories
+from vastflow.deployments.explorer.server import application
+from vastflow.sim.model.faults import UserError
+
+LOOPBACK: Final = "127.0.0.1"
+_TOKEN_BYTES: Final = 24
+_LAST_REPLIES_S: Final = 1
+"""Time that replies may take after Ctrl-C; streams of events would never end."""
+
+
+def serve(roots: Sequence[Path], port: int, *, browser: bool) -> None:
+    """Serve the explorer until Ctrl-C, and print its address.
+
+    Raises:
+        UserError: a folder does not exist, or the port is taken.
+    """
+    for root in roots:
+        if not root.is_dir():
+            raise UserError(f"{root}: expected a folder with campaign directories, got nothing there")
+    token = secrets.token_urlsafe(_TOKEN_BYTES)
+    listening = listen(port)
+    address = f"http://{LOOPBACK}:{listening.getsockname()[1]}/?token={token}"
+    config = uvicorn.Config(
+        application(Directories(roots), token),
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        lifespan="off",
+        timeout_graceful_shutdown=_LAST_REPLIES_S,
+    )
+    print(address, flush=True)
+    print("Ctrl-C ends it", file=sys.stderr)
+    if browser:
+        # A browser may take seconds to start; connections wait in the socket meanwhile.
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    with listening:
+        uvicorn.Server(config).run([listening])
+
+
+def listen(port: int) -> socket.socket:
+    """Return a listening socket on this machine only; raises `UserError` if the port is taken."""
+    listening = socket.socket()
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((LOOPBACK, port))
+    except OSError as error:
+        listening.close()
+        raise UserError(f"--port: {port} can't be used ({error.strerror}); expected a free port, or 0") from None
+    listening.listen(128)
+    return listening
