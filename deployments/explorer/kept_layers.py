@@ -16,8 +16,12 @@ KEPT_BYTES: Final = 64_000_000
 """Most compressed layers in memory; the last ones are kept whatever their size."""
 
 
-def _layers(directory: Path, configuration: str, run_index: int) -> bytes:
+def _prepared() -> None:
     # Imported where runs are executed: kernels would take the server two seconds and 150 MB.
+    import vastflow.deployments.explorer.layers  # noqa: F401
+
+
+def _layers(directory: Path, configuration: str, run_index: int) -> bytes:
     from vastflow.deployments.explorer.layers import compressed_layers
 
     return compressed_layers(directory, configuration, run_index)
@@ -31,6 +35,18 @@ class KeptLayers:
         self._lock = threading.Lock()
         self._pool: Pool | None = None
 
+    def prepare(self) -> None:
+        """Start the process, so that it is ready when layers are asked for."""
+        with self._lock:
+            if self._pool is None:
+                self._running().prepare(_prepared)
+
+    def _running(self) -> Pool:
+        if self._pool is None:
+            self._pool = Pool(1)
+            weakref.finalize(self, self._pool.close)
+        return self._pool
+
     def layers(self, directory: Path, configuration: str, run_index: int) -> "Future[bytes]":
         """Return the compressed layers of a run; the future may raise `UnusableDirectory`."""
         recordings = directory / "recordings" / f"{configuration}.parquet"
@@ -43,10 +59,7 @@ class KeptLayers:
             if key in self._asked:
                 self._asked.move_to_end(key)
                 return self._asked[key]
-            if self._pool is None:
-                self._pool = Pool(1)
-                weakref.finalize(self, self._pool.close)
-            found = self._pool.submit(_layers, directory, configuration, run_index, priority=Priority.EXECUTE)
+            found = self._running().submit(_layers, directory, configuration, run_index, priority=Priority.EXECUTE)
             self._asked[key] = told = Future[bytes]()
         found.add_done_callback(lambda done: self._landed(key, told, done))
         return told

@@ -42,6 +42,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         campaign = directories.find(_text(request, "c"))
         configuration = _text(request, "configuration")
         stored = stored_run(campaign.path, configuration, _number(request, "run"))
+        kept.prepare()
         with reading(campaign.path.name):
             return Response(frames_of(stored, configuration), media_type=_BINARY)
 

@@ -1,9 +1,9 @@
 /** One moment of a run on its map, in meters; y points up. */
 
-import { costImage } from "./player_images.js";
+import { gridImage } from "./player_images.js";
 import { VERDICTS } from "./player_theme.js";
 
-const FULL_TURN = 2 * Math.PI;
+const TURN = 2 * Math.PI;
 
 /**
  * Draw the layers that are shown.
@@ -14,176 +14,128 @@ const FULL_TURN = 2 * Math.PI;
  * @param {number} px Meters of a pixel.
  */
 export function drawMoment(context, view, t, shown, px) {
-  const { run, layers, theme } = view;
+  const { run, layers, theme, grids } = view;
   const moment = layers ? layers.moment(t) : -1;
-  const draws = (name) => shown.has(name) && moment >= 0;
+  const points = (name) => (shown.has(name) && moment >= 0 ? layers.points(name, moment) : []);
   context.imageSmoothingEnabled = false;
   context.lineJoin = context.lineCap = "round";
-  for (const grid of view.images.filter((each) => each.kind === "map")) image(context, grid, grid.image);
-  if (draws("global")) costs(context, view, "global", moment);
-  for (const grid of view.images.filter((each) => each.kind !== "map")) image(context, grid, grid.image);
-  if (draws("local")) costs(context, view, "local", moment, px);
-  if (shown.has("obstacles")) for (const each of run.obstacles(t)) obstacle(context, each, theme, px);
-  if (shown.has("reference")) line(context, run.arrays.reference, theme.reference, 1.5 * px, [6 * px, 4 * px]);
-  trajectory(context, run, t, shown, theme, px);
-  if (draws("plan")) points(context, layers.points("plan", moment), theme.plan, 1.8 * px);
-  if (draws("horizon")) points(context, layers.points("horizon", moment), theme.horizon, 2.6 * px);
-  if (draws("particles")) dots(context, layers.points("particles", moment), theme.belief, 1.6 * px, px);
-  if (draws("scan")) dots(context, layers.points("scan", moment), theme.scan, 2.4 * px, px);
-  if (shown.has("contacts")) for (const event of run.contacts) if (event.t_s <= t + 1e-6) cross(context, event, theme, px);
-  run.header.goals.forEach((goal) => diamond(context, goal[0], goal[1], 6 * px, theme.goal, theme.panel));
-  robot(context, run, t, shown, theme, px);
-}
-
-function image(context, grid, picture) {
-  context.save();
-  context.translate(grid.x_m, grid.y_m);
-  context.rotate(grid.yaw_rad);
-  // Row 0 is at the lowest y, as y points up here.
-  context.drawImage(picture, 0, 0, grid.columns * grid.resolution_m, grid.rows * grid.resolution_m);
-  context.restore();
-}
-
-function costs(context, view, name, moment, px) {
-  const found = view.layers.costs(name, moment);
-  if (!found) return;
-  if (view.costs[name]?.first !== found.first) {
-    view.costs[name] = { first: found.first, image: costImage(name, found, view.theme) };
+  drawGrid(context, grids[0]);
+  drawCosts(context, view, "global", shown.has("global") ? moment : -1, px);
+  for (const grid of grids.slice(1)) drawGrid(context, grid);
+  drawCosts(context, view, "local", shown.has("local") ? moment : -1, px);
+  if (shown.has("obstacles")) for (const each of run.obstacles(t)) drawObstacle(context, each, theme, px);
+  if (shown.has("reference")) stroke(context, run.arrays.reference, theme.muted, 1.5 * px, [6 * px, 4 * px]);
+  drawTrajectory(context, run, t, shown, theme, px);
+  stroke(context, points("plan"), theme.goal, 1.8 * px);
+  stroke(context, points("horizon"), theme.horizon, 2.6 * px);
+  drawDots(context, points("particles"), theme.belief, 2 * px);
+  drawDots(context, points("scan"), theme.ink, 2.4 * px);
+  const contacts = shown.has("contacts") ? run.contacts.filter(({ t_s }) => t_s <= t + 1e-6) : [];
+  for (const [color, width] of [
+    ["panel", 5],
+    ["fail", 2.5],
+  ]) {
+    for (const { x_m: x, y_m: y } of contacts) {
+      for (const r of [5 * px, -5 * px])
+        stroke(context, [x - r, y - 5 * px, x + r, y + 5 * px], theme[color], width * px);
+    }
   }
-  const { rows, columns, x, y, yaw, resolution } = found;
-  const grid = { x_m: x, y_m: y, yaw_rad: yaw, rows, columns, resolution_m: resolution };
-  image(context, grid, view.costs[name].image);
-  if (name !== "local") return;
+  for (const [x, y] of run.header.goals) {
+    placed(context, x, y, Math.PI / 4, () =>
+      fill(context, () => context.rect(-4 * px, -4 * px, 8 * px, 8 * px), theme.goal),
+    );
+    stroke(context, null, theme.panel, px);
+  }
+  drawRobot(context, run, run.pose(t), theme.panel, theme.ink, px);
+  if (shown.has("belief")) drawRobot(context, run, run.pose(t, true), theme.belief, "", 1.8 * px);
+}
+
+/** Draw in the frame of a place. */
+function placed(context, x, y, yaw, draw) {
   context.save();
   context.translate(x, y);
   context.rotate(yaw);
-  context.setLineDash([4 * px, 3 * px]);
-  context.strokeStyle = view.theme.belief;
-  context.lineWidth = px;
-  context.strokeRect(0, 0, columns * resolution, rows * resolution);
+  draw();
   context.restore();
 }
 
-function obstacle(context, { obstacle: { shape, length_m, width_m }, x, y, yaw }, theme, px) {
-  context.save();
-  context.translate(x, y);
-  context.rotate(yaw);
-  context.beginPath();
-  if (shape === "cylinder") context.arc(0, 0, length_m / 2, 0, FULL_TURN);
-  else context.rect(-length_m / 2, -width_m / 2, length_m, width_m);
-  context.globalAlpha = 0.6;
-  context.fillStyle = theme.obstacle;
-  context.fill();
-  context.globalAlpha = 1;
-  context.strokeStyle = theme["obstacle-edge"];
-  context.lineWidth = 1.2 * px;
-  context.stroke();
-  context.restore();
-}
-
-function trajectory(context, run, t, shown, theme, px) {
-  const row = run.row(t);
-  const { x_mm, y_mm, estimated_x_mm, estimated_y_mm } = run.columns;
-  const now = run.pose(t);
-  if (shown.has("future")) path(context, x_mm, y_mm, row + 1, x_mm.length, theme.muted, px, [2 * px, 3 * px], now);
-  if (shown.has("belief")) {
-    const believed = run.pose(t, true);
-    path(context, estimated_x_mm, estimated_y_mm, 0, row + 1, theme.belief, px, [4 * px, 2 * px], null, believed);
-  }
-  const [color] = VERDICTS[run.header.judgement];
-  if (shown.has("past")) path(context, x_mm, y_mm, 0, row + 1, theme[color], 2 * px, [], null, now);
-}
-
-function path(context, xs, ys, first, end, color, width, dashes, before = null, after = null) {
-  context.beginPath();
-  if (before) context.moveTo(before.x, before.y);
-  for (let k = first; k < end; k += 1) context.lineTo(xs[k], ys[k]);
-  if (after) context.lineTo(after.x, after.y);
-  stroke(context, color, width, dashes);
-}
-
-function line(context, xy, color, width, dashes) {
-  context.beginPath();
-  for (let k = 0; k < xy.length; k += 2) context.lineTo(xy[k], xy[k + 1]);
-  stroke(context, color, width, dashes);
-}
-
-function points(context, { units, x, y, size }, color, width) {
-  context.beginPath();
-  for (let k = 0; k < units.length; k += 2) context.lineTo(x + size * units[k], y + size * units[k + 1]);
-  stroke(context, color, width, []);
-}
-
-function stroke(context, color, width, dashes) {
+/** Stroke a line of x, y, x, y …; null for the last path. */
+function stroke(context, xy, color, width, dashes = []) {
+  if (xy) context.beginPath();
+  for (let k = 0; xy && k < xy.length; k += 2) context.lineTo(xy[k], xy[k + 1]);
   context.setLineDash(dashes);
   context.strokeStyle = color;
   context.lineWidth = width;
   context.stroke();
-  context.setLineDash([]);
 }
 
-function dots(context, { units, x, y, size }, color, width, px) {
-  const edge = Math.max(width, 2 * px);
-  context.fillStyle = color;
-  for (let k = 0; k < units.length; k += 2) {
-    context.fillRect(x + size * units[k] - edge / 2, y + size * units[k + 1] - edge / 2, edge, edge);
-  }
-}
-
-function cross(context, { x_m, y_m }, theme, px) {
-  const reach = 5 * px;
-  for (const [color, width] of [
-    [theme.panel, 4.5 * px],
-    [theme.fail, 2.5 * px],
-  ]) {
-    context.beginPath();
-    context.moveTo(x_m - reach, y_m - reach);
-    context.lineTo(x_m + reach, y_m + reach);
-    context.moveTo(x_m - reach, y_m + reach);
-    context.lineTo(x_m + reach, y_m - reach);
-    stroke(context, color, width, []);
-  }
-}
-
-function diamond(context, x, y, reach, fill, edge) {
+function fill(context, path, color) {
   context.beginPath();
-  context.moveTo(x + reach, y);
-  context.lineTo(x, y + reach);
-  context.lineTo(x - reach, y);
-  context.lineTo(x, y - reach);
+  path();
   context.closePath();
-  context.fillStyle = fill;
+  context.fillStyle = color;
   context.fill();
-  stroke(context, edge, reach / 6, []);
 }
 
-function robot(context, run, t, shown, theme, px) {
+/** Row 0 is at the lowest y, as y points up here. */
+function drawGrid(context, { image, x_m, y_m, yaw_rad, rows, columns, resolution_m }) {
+  const size = [columns * resolution_m, rows * resolution_m];
+  placed(context, x_m, y_m, yaw_rad, () => context.drawImage(image, 0, 0, ...size));
+}
+
+function drawCosts(context, view, name, moment, px) {
+  const costs = moment < 0 ? null : view.layers.costs(name, moment);
+  if (!costs) return;
+  const known = view.costs[name];
+  const image = known?.first === costs.first ? known.image : gridImage(name, costs, view.theme);
+  view.costs[name] = { first: costs.first, image };
+  drawGrid(context, { ...costs, image });
+  if (name === "global") return;
+  const [width, height] = [costs.columns * costs.resolution_m, costs.rows * costs.resolution_m];
+  placed(context, costs.x_m, costs.y_m, costs.yaw_rad, () =>
+    stroke(context, [0, 0, width, 0, width, height, 0, height, 0, 0], view.theme.belief, px, [4 * px, 3 * px]),
+  );
+}
+
+function drawObstacle(context, { shape, length_m, width_m, x, y, yaw }, theme, px) {
+  placed(context, x, y, yaw, () => {
+    context.globalAlpha = 0.6;
+    const outline = () =>
+      shape === "cylinder"
+        ? context.arc(0, 0, length_m / 2, 0, TURN)
+        : context.rect(-length_m / 2, -width_m / 2, length_m, width_m);
+    fill(context, outline, theme.obstacle);
+    context.globalAlpha = 1;
+    stroke(context, null, theme["obstacle-edge"], 1.2 * px);
+  });
+}
+
+function drawTrajectory(context, run, t, shown, theme, px) {
+  const { row } = run.between(t);
+  const line = (first, end, believed) => {
+    const [xs, ys] = ["x_mm", "y_mm"].map((name) => run.columns[believed ? `estimated_${name}` : name]);
+    const { x, y } = run.pose(t, believed);
+    const xy = first ? [x, y] : [];
+    for (let k = first; k < end; k += 1) xy.push(xs[k], ys[k]);
+    return first ? xy : [...xy, x, y];
+  };
+  if (shown.has("future")) stroke(context, line(row + 1, run.t.length), theme.muted, px, [2 * px, 3 * px]);
+  if (shown.has("belief")) stroke(context, line(0, row + 1, true), theme.belief, px, [4 * px, 2 * px]);
+  if (shown.has("past")) stroke(context, line(0, row + 1), theme[VERDICTS[run.header.judgement][0]], 2 * px);
+}
+
+function drawDots(context, xy, color, edge) {
+  context.fillStyle = color;
+  for (let k = 0; k < xy.length; k += 2) context.fillRect(xy[k] - edge / 2, xy[k + 1] - edge / 2, edge, edge);
+}
+
+function drawRobot(context, run, { x, y, yaw }, edge, inside, width) {
   const { radius_m, vertices } = run.header.robot;
-  const outline = (pose) => {
-    context.save();
-    context.translate(pose.x, pose.y);
-    context.rotate(pose.yaw);
-    context.beginPath();
-    if (vertices.length) vertices.forEach(([x, y]) => context.lineTo(x, y));
-    else context.arc(0, 0, radius_m, 0, FULL_TURN);
-    context.closePath();
-    context.restore();
-  };
-  const heading = (pose, color, width) => {
-    context.beginPath();
-    context.moveTo(pose.x, pose.y);
-    context.lineTo(pose.x + radius_m * Math.cos(pose.yaw), pose.y + radius_m * Math.sin(pose.yaw));
-    stroke(context, color, width, []);
-  };
-  const pose = run.pose(t);
-  outline(pose);
-  context.fillStyle = theme.ink;
-  context.fill();
-  stroke(context, theme.panel, px, []);
-  heading(pose, theme.panel, 2 * px);
-  if (!shown.has("belief")) return;
-  const believed = run.pose(t, true);
-  outline(believed);
-  stroke(context, theme.belief, 1.8 * px, []);
-  heading(believed, theme.belief, 1.5 * px);
+  placed(context, x, y, yaw, () => {
+    const outline = () =>
+      vertices.length ? vertices.forEach((each) => context.lineTo(...each)) : context.arc(0, 0, radius_m, 0, TURN);
+    fill(context, outline, inside || "transparent");
+    stroke(context, null, edge, width);
+    stroke(context, [0, 0, radius_m, 0], edge, inside ? 2 * width : width);
+  });
 }

@@ -2,8 +2,8 @@
 
 import { element } from "./dom.js";
 
-/** @type {Array<[string, string, string]>} Keys, action, and words. */
-export const KEYS = [
+/** Keys, actions, and words. */
+const KEYS = [
   [" ", "toggle", "play, pause"],
   ["ArrowLeft", "back", "0.1 s back; with shift 1 s"],
   ["ArrowRight", "ahead", "0.1 s ahead; with shift 1 s"],
@@ -22,7 +22,6 @@ export const KEYS = [
   ["f", "follow", "follow the robot"],
   ["?", "help", "these keys"],
 ];
-
 const NAMES = { " ": "space", ArrowLeft: "←", ArrowRight: "→" };
 
 /**
@@ -31,36 +30,24 @@ const NAMES = { " ": "space", ArrowLeft: "←", ArrowRight: "→" };
  */
 export function onKeys(actions) {
   document.addEventListener("keydown", (event) => {
-    const target = /** @type {Element} */ (event.target);
-    if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
-    if (target.matches("select, textarea, input:not([type=checkbox])")) return;
-    // Space presses what has the focus.
-    if (event.key === " " && target.matches("button, a, summary, input")) return;
     const found = KEYS.find(([key]) => key === event.key);
-    if (!found) return;
+    if (!found || event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+    // Space presses what has the focus.
+    const taken = event.key === " " ? "button, a, summary, input, select" : "select, input:not([type=checkbox])";
+    if (document.activeElement?.matches(taken)) return;
     event.preventDefault();
     actions[found[1]](event.shiftKey);
   });
 }
 
-/**
- * Make the dialog with all keys.
- * @returns {HTMLDialogElement}
- */
+/** @returns {HTMLDialogElement} */
 export function helpDialog() {
-  const rows = KEYS.map(([key, , words]) =>
-    element("tr", {}, element("th", { scope: "row" }, element("kbd", {}, NAMES[key] || key)), element("td", {}, words)),
-  );
-  const close = element("button", { click: () => dialog.close() }, "close");
-  const dialog = /** @type {HTMLDialogElement} */ (
-    element(
-      "dialog",
-      { class: "panel", "aria-label": "Keys" },
-      element("h2", {}, "Keys"),
-      element("table", {}, element("tbody", {}, ...rows)),
-      element("p", { class: "muted" }, "On the map: drag to move, wheel or two fingers to zoom, double click for all of it."),
-      close,
-    )
-  );
-  return dialog;
+  const rows = KEYS.map(([key, , words]) => {
+    return element("tr", {}, element("th", { scope: "row" }, NAMES[key] || key), element("td", {}, words));
+  });
+  const map = "On the map: drag to move it, wheel or two fingers to zoom, double click to see all of it.";
+  const close = element("form", { method: "dialog" }, element("button", {}, "close"));
+  const table = element("table", {}, element("tbody", {}, ...rows));
+  const dialog = element("dialog", { class: "panel", "aria-label": "Keys" }, table, element("p", {}, map), close);
+  return /** @type {HTMLDialogElement} */ (dialog);
 }

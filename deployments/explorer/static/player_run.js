@@ -1,18 +1,11 @@
-/** A stored run: values at any time between its samples. */
+/** A stored run, and what an execution added: values at any time. */
 
-/**
- * @typedef {Object} Pose
- * @property {number} x m
- * @property {number} y m
- * @property {number} yaw rad
- */
+/** @typedef {{x: number, y: number, yaw: number}} Pose In m and rad. */
 
 const NEXT_PLACE_S = 0.25;
-/** Signals of missing layers and of a run without a robot. */
-const NOTHING = new Float64Array(0);
 
 export class Run {
-  /** @param {import("./packed.js").Packed} reply */
+  /** @param {{header: any, arrays: Object<string, any>}} reply */
   constructor({ header, arrays }) {
     this.header = header;
     this.arrays = arrays;
@@ -24,147 +17,85 @@ export class Run {
       // Stored columns are thousandths.
       this.columns[name] = Float64Array.from(values, (value) => (value === header.nowhere ? NaN : value / 1000));
     }
-    this.t = this.columns.t_ms || NOTHING;
-    const last = this.t.length ? this.t[this.t.length - 1] : 0;
-    this.end = Math.max(header.simulated_s || 0, last);
+    this.t = this.columns.t_ms || new Float64Array(1);
+    this.end = Math.max(header.simulated_s || 0, this.t[this.t.length - 1]);
     this.events = header.events || [];
     this.contacts = this.events.filter((event) => event.mark === "contact");
   }
 
-  /**
-   * Index of the last sample at or before a time.
-   * @param {number} t
-   */
-  row(t) {
-    return lastAtOrBefore(this.t, t);
-  }
-
-  /**
-   * Where the robot is, or where it takes itself to be.
-   * @param {number} t
-   * @param {boolean} [believed]
-   * @returns {Pose}
-   */
-  pose(t, believed = false) {
-    const prefix = believed ? "estimated_" : "";
-    const [xs, ys, yaws] = ["x_mm", "y_mm", "yaw_mrad"].map((name) => this.columns[prefix + name]);
-    const { row, next, share } = this.between(t);
-    const turn = Math.atan2(Math.sin(yaws[next] - yaws[row]), Math.cos(yaws[next] - yaws[row]));
-    return {
-      x: xs[row] + share * (xs[next] - xs[row]),
-      y: ys[row] + share * (ys[next] - ys[row]),
-      yaw: yaws[row] + share * turn,
-    };
-  }
-
-  /**
-   * Value of a signal, NaN where it was not measured.
-   * @param {string} column
-   * @param {number} t
-   */
-  value(column, t) {
-    const values = this.columns[column];
-    if (!values || !this.t.length) return NaN;
-    const { row, next, share } = this.between(t);
-    return values[row] + share * (values[next] - values[row]) || values[row];
-  }
-
+  /** Sample at or before a time, the one after it, and the share of the time between them. */
   between(t) {
-    const row = this.row(t);
+    let row = 0;
+    for (let end = this.t.length - 1; row < end;) {
+      const middle = (row + end + 1) >> 1;
+      if (this.t[middle] <= t + 1e-9) row = middle;
+      else end = middle - 1;
+    }
     const next = Math.min(row + 1, this.t.length - 1);
     const step = this.t[next] - this.t[row];
-    const share = step > 0 ? Math.min(Math.max((t - this.t[row]) / step, 0), 1) : 0;
-    return { row, next, share };
+    return { row, next, share: step > 0 ? Math.min(Math.max((t - this.t[row]) / step, 0), 1) : 0 };
   }
 
-  /**
-   * Obstacles that are there at a time.
-   * @param {number} t
-   * @returns {Array<{obstacle: any, x: number, y: number, yaw: number}>}
-   */
+  /** Value of a signal, NaN where it was not measured. */
+  value(column, t) {
+    const { row, next, share } = this.between(t);
+    const [before, after] = [this.columns[column]?.[row] ?? NaN, this.columns[column]?.[next]];
+    return share > 0 ? before + share * (after - before) : before;
+  }
+
+  /** @returns {Pose} Where the robot is, or believes to be. */
+  pose(t, believed = false) {
+    const name = (each) => (believed ? `estimated_${each}` : each);
+    const { row, next, share } = this.between(t);
+    const yaws = this.columns[name("yaw_mrad")];
+    const turn = Math.atan2(Math.sin(yaws[next] - yaws[row]), Math.cos(yaws[next] - yaws[row]));
+    return { x: this.value(name("x_mm"), t), y: this.value(name("y_mm"), t), yaw: yaws[row] + share * turn };
+  }
+
+  /** Obstacles that are there at a time, with their poses. */
   obstacles(t) {
-    const found = [];
-    for (const obstacle of this.header.obstacles || []) {
-      const { places } = obstacle;
-      let k = 0;
+    return this.header.obstacles.flatMap(({ places, ...obstacle }) => {
       // Times are stored to the millisecond.
-      while (k + 1 < places.length && places[k + 1][0] <= t + 5e-4) k += 1;
-      let [since, x, y, yaw] = places[k];
-      if (x === null) continue;
-      const after = places[k + 1];
-      if (after && after[1] !== null && after[0] - since < NEXT_PLACE_S && after[0] > since) {
-        const share = Math.min(Math.max((t - since) / (after[0] - since), 0), 1);
-        x += share * (after[1] - x);
-        y += share * (after[2] - y);
-        yaw += share * (after[3] - yaw);
-      }
-      found.push({ obstacle, x, y, yaw });
-    }
-    return found;
-  }
-
-  /**
-   * What the robot or the scenario does.
-   * @param {number} t
-   * @param {Array<[number, number, string]>} activities
-   */
-  activity(t, activities) {
-    const found = activities.find(([start, end]) => start <= t && t < end);
-    return found ? found[2] : t >= this.end && activities.length ? "ended" : "";
+      const k = Math.max(
+        places.findLastIndex(([since]) => since <= t + 5e-4),
+        0,
+      );
+      const [since, x, y, yaw] = places[k];
+      const [until, ...to] = places[k + 1] || [Infinity];
+      if (x === null) return [];
+      const moves = until - since < NEXT_PLACE_S && to[0] !== null;
+      const share = moves ? Math.min(Math.max((t - since) / (until - since), 0), 1) : 0;
+      const at = (from, value) => (share ? from + share * (value - from) : from);
+      return [{ ...obstacle, x: at(x, to[0]), y: at(y, to[1]), yaw: at(yaw, to[2]) }];
+    });
   }
 }
 
-/** What the execution of a run added. */
 export class Layers {
-  /** @param {import("./packed.js").Packed} reply */
+  /** @param {{header: any, arrays: Object<string, any>}} reply */
   constructor({ header, arrays }) {
     this.header = header;
     this.arrays = arrays;
     this.moments = header.arrays["plan spans"].shape[0];
   }
 
-  /** @param {number} t */
   moment(t) {
     return Math.min(Math.floor(t / this.header.every_s + 1e-6), this.moments - 1);
   }
 
-  /**
-   * Points of a moment: whole numbers x, y, x, y … in units.
-   * @param {"plan" | "scan" | "horizon" | "particles"} name
-   * @param {number} moment
-   */
+  /** Points x, y, x, y … of a moment (m). */
   points(name, moment) {
-    const [first, end] = this.arrays[`${name} spans`].subarray(2 * moment, 2 * moment + 2);
+    const [first, end] = this.arrays[`${name} spans`].subarray(2 * moment);
     const [x, y, size] = this.header.units[name];
-    return { units: this.arrays[`${name} points`].subarray(2 * first, 2 * end), x, y, size };
+    const units = this.arrays[`${name} points`].subarray(2 * first, 2 * end);
+    return Float32Array.from(units, (unit, k) => (k % 2 ? y : x) + size * unit);
   }
 
-  /**
-   * Costs of a moment around the robot; null while there are none.
-   * @param {"global" | "local"} name
-   * @param {number} moment
-   */
+  /** Costs of a moment, and where they are; null while there are none. */
   costs(name, moment) {
-    const [first, rows, columns] = this.arrays[`${name} spans`].subarray(3 * moment, 3 * moment + 3);
-    if (!rows || !columns) return null;
-    const [x, y, yaw, resolution] = this.arrays[`${name} places`].subarray(4 * moment, 4 * moment + 4);
+    const [first, rows, columns] = this.arrays[`${name} spans`].subarray(3 * moment);
+    const [x_m, y_m, yaw_rad, resolution_m] = this.arrays[`${name} places`].subarray(4 * moment);
     const cells = this.arrays[`${name} cells`].subarray(first, first + rows * columns);
-    return { first, cells, rows, columns, x, y, yaw, resolution };
+    return rows && columns ? { first, cells, rows, columns, x_m, y_m, yaw_rad, resolution_m } : null;
   }
-}
-
-/**
- * Index of the last of increasing values that is not above `value`; 0 if all are.
- * @param {ArrayLike<number>} values
- * @param {number} value
- */
-export function lastAtOrBefore(values, value) {
-  let low = 0;
-  let high = values.length - 1;
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (values[middle] <= value + 1e-9) low = middle;
-    else high = middle - 1;
-  }
-  return low;
 }

@@ -1,59 +1,12 @@
-/** Colors of the drawings, from the page's style sheet, so that they follow light and dark. */
-
-const NAMES = [
-  ...["pass", "fail", "not-judged", "accent", "ink", "muted", "line", "ground", "panel", "well"],
-  ...["wall", "free", "unknown", "world-wall", "keepout", "speed-zone", "obstacle", "obstacle-edge"],
-  ...["belief", "plan", "horizon", "scan", "goal", "reference", "cost", "mark"],
-  ...["recovery", "error", "stop", "second"],
-];
+/** Colors and words that all parts of the player share. */
 
 /**
- * Read the colors.
+ * Colors of the style sheet by name, as they are now: in light or dark.
  * @returns {Object<string, string>}
  */
 export function readTheme() {
   const style = getComputedStyle(document.documentElement);
-  return Object.fromEntries(NAMES.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
-}
-
-/**
- * Call `changed` when the system goes from light to dark or back.
- * @param {() => void} changed
- */
-export function onThemeChange(changed) {
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", changed);
-}
-
-/**
- * Red, green, blue of a color `#rrggbb`.
- * @param {string} color
- * @returns {[number, number, number]}
- */
-export function rgb(color) {
-  const whole = Number.parseInt(color.slice(1), 16);
-  return [whole >> 16, (whole >> 8) & 255, whole & 255];
-}
-
-/** Activities and the colors of their bands, as in the pictures of `vastflow replay`. */
-const BANDS = {
-  driving: ["pass", 0.28],
-  standing: ["muted", 0.35],
-  following: ["pass", 0.28],
-  "no progress": ["recovery", 0.55],
-  "no command": ["ink", 0.7],
-  stopped: ["fail", 0.95],
-  spin: ["mark", 0.85],
-  wait: ["muted", 0.6],
-  "back up": ["belief", 0.85],
-};
-
-/**
- * Color and opacity of an activity's band.
- * @param {string} activity
- * @returns {[string, number]}
- */
-export function band(activity) {
-  return BANDS[activity] || ["muted", 0.22];
+  return new Proxy({}, { get: (known, name) => (known[name] ??= style.getPropertyValue(`--${String(name)}`).trim()) });
 }
 
 /** Verdicts to the names of their colors and to words. */
@@ -62,3 +15,35 @@ export const VERDICTS = {
   fail: ["fail", "failed"],
   "not judged": ["not-judged", "not judged"],
 };
+
+/** Marks of events: a letter and a color. */
+export const MARKS = {
+  contact: ["✕", "fail"],
+  recovery: ["●", "recovery"],
+  error: ["▲", "error"],
+  goal: ["◆", "goal"],
+  obstacle: ["■", "obstacle-edge"],
+  stop: ["■", "horizon"],
+};
+
+/** Activities to colors and opacities, as in the pictures of `vastflow replay`. */
+export const BANDS = {
+  driving: ["pass", 0.28],
+  standing: ["muted", 0.35],
+  following: ["pass", 0.28],
+  "no progress": ["recovery", 0.5],
+  "no command": ["ink", 0.7],
+  stopped: ["fail", 0.95],
+  spin: ["obstacle", 0.85],
+  wait: ["muted", 0.6],
+  "back up": ["belief", 0.85],
+};
+
+/** A number for people; a missing one is no 0. */
+export function reading(value) {
+  if (value === null || Number.isNaN(value)) return "–";
+  if (Number.isInteger(value)) return String(value);
+  const digits = Math.abs(value) < 10 ? 2 : Math.abs(value) < 100 ? 1 : 0;
+  // Adding 0 takes the sign from a negative 0.
+  return (Math.round(value * 1000) / 1000 + 0).toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
+}
