@@ -42,8 +42,7 @@ def compressed_layers(directory: Path, configuration: str, run_index: int) -> by
         UnusableDirectory: the run can't be executed again, or only with its programs.
     """
     with reading(directory.name):
-        recorded = recorded_run(directory, configuration, run_index)
-    return gzip.compress(layers_of(recorded), 1)
+        return gzip.compress(layers_of(recorded_run(directory, configuration, run_index)), 1)
 
 
 def layers_of(recorded: RecordedRun) -> bytes:

@@ -60,7 +60,7 @@ def test_packed_arrays_come_back_from_aligned_places():
 
 
 def test_packed_rejects_type_that_browsers_lack():
-    with pytest.raises(ValueError, match="t: expected an array of uint8, .*, got int64"):
+    with pytest.raises(ValueError, match=r"t: expected an array of uint8, .*, got int64"):
         packed({}, {"t": np.arange(3)})
 
 
