@@ -114,7 +114,7 @@ class Page:
         return self.browser.value(f"document.querySelector({selector!r}).textContent")
 
     def color_at(self, x_m: float, y_m: float, map_index: int = 0) -> list[int]:
-        """Red, green, and blue of the map at a place; the whole room of 6 m × 4 m is in view."""
+        """Red, green, and blue of the map at a place, with the whole room in view."""
         return self.browser.value(f"""(() => {{
             const canvas = document.querySelectorAll('canvas.map')[{map_index}];
             const scale = Math.min((canvas.clientWidth - 24) / 6, (canvas.clientHeight - 24) / 4);
