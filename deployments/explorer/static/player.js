@@ -1,0 +1,248 @@
+/** The player: one or two runs on one clock. */
+
+import { element, showError } from "./dom.js";
+import { fetchPacked } from "./packed.js";
+import { SPEEDS, controls, layerBoxes } from "./player_controls.js";
+import { helpDialog, onKeys } from "./player_keys.js";
+import { MapView } from "./player_map.js";
+import { choices, panel } from "./player_panels.js";
+import { Layers, Run } from "./player_run.js";
+import { readTheme } from "./player_theme.js";
+import { Tracks } from "./player_tracks.js";
+
+const query = new URLSearchParams(location.search);
+const EXECUTE = "execute again for more layers";
+/** Longest step of the clock, so that a page that was hidden does not jump. */
+const MOST_S = 0.25;
+
+class Player {
+  /**
+   * @param {HTMLElement} place
+   * @param {Array<{run: Run, query: string}>} sides The query asks for the run.
+   */
+  constructor(place, sides) {
+    this.sides = sides.map((side) => ({
+      ...side,
+      view: null,
+      state: null,
+      activities: side.run.header.activities || [],
+    }));
+    this.end = Math.max(...sides.map(({ run }) => run.end));
+    this.tick = sides[0].run.header.tick_s;
+    this.t = Math.min(Math.max(Number(query.get("t")) || 0, 0), this.end);
+    this.frame = 0;
+    this.speed = 1;
+    this.shown = new Set();
+    this.#build(place);
+    new ResizeObserver(() => this.repaint()).observe(place);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.repaint());
+    onKeys(this.actions);
+    this.repaint();
+    const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    if (query.get("paused") !== "1" && !still && this.views.length) this.play();
+  }
+
+  /** @type {Object<string, (shift: boolean) => void>} */
+  actions = {
+    toggle: () => (this.playing ? this.pause() : this.play()),
+    back: (shift) => this.seek(this.t - (shift ? 1 : 0.1)),
+    ahead: (shift) => this.seek(this.t + (shift ? 1 : 0.1)),
+    tickBack: () => this.seek((Math.ceil(this.t / this.tick - 1e-6) - 1) * this.tick),
+    tickAhead: () => this.seek((Math.floor(this.t / this.tick + 1e-6) + 1) * this.tick),
+    start: () => this.seek(0),
+    end: () => this.seek(this.end),
+    slower: () => this.setSpeed(SPEEDS[Math.max(SPEEDS.indexOf(this.speed) - 1, 0)]),
+    faster: () => this.setSpeed(SPEEDS[Math.min(SPEEDS.indexOf(this.speed) + 1, SPEEDS.length - 1)]),
+    contact: () => this.#toNextContact(),
+    next: () => this.#open("n", "No failed run comes after this one."),
+    previous: () => this.#open("p", "No failed run comes before this one."),
+    closer: () => this.views.forEach((view) => view.zoom(1.25)),
+    farther: () => this.views.forEach((view) => view.zoom(0.8)),
+    fit: () => this.views.forEach((view) => view.fit()),
+    follow: () => this.#follow(),
+    copy: () => this.#copy(),
+    help: () => this.help.showModal(),
+  };
+
+  get views() {
+    return this.sides.map(({ view }) => view).filter(Boolean);
+  }
+
+  #build(place) {
+    const seek = (t) => this.seek(t);
+    const maps = this.sides.map((side, k) =>
+      this.#map(side, this.sides.length > 1 ? `${"AB"[k]}: ${side.run.name}` : ""),
+    );
+    this.help = helpDialog();
+    this.said = element("p", { role: "status" });
+    this.execute = /** @type {HTMLButtonElement} */ (element("button", { click: () => this.load() }, EXECUTE));
+    this.bar = controls(this.actions, (speed) => this.setSpeed(speed));
+    this.boxes = layerBoxes(this.shown, () => this.draw(), this.execute);
+    const tracks = element("div", { class: "tracks" });
+    const rows = this.views.length ? [this.bar.row, this.boxes.row] : [];
+    const replay = element("div", {}, element("div", { class: "maps" }, ...maps), ...rows, this.said, tracks);
+    const panels = element("div", { class: "panels" }, ...this.sides.map(({ run }) => panel(run, seek)));
+    const kind = this.sides.length > 1 ? "player two" : "player";
+    place.replaceChildren(
+      choices(this.sides[0].run, query),
+      element("div", { class: kind }, replay, panels),
+      this.help,
+    );
+    this.tracks = new Tracks(tracks, this.sides, this.end, seek);
+  }
+
+  #map(side, k) {
+    const { run } = side;
+    const name = element("strong", {}, this.sides.length > 1 ? `${"AB"[k]}: ${run.name} ` : "");
+    name.style.color = `var(--${k ? "second" : "accent"})`;
+    if (!run.hasRobot) return element("p", { class: "sentence" }, `${run.name}: ${run.header.sentence}`);
+    const canvas = element("canvas", { class: "map", tabindex: 0, role: "img", "aria-label": `Map of ${run.name}` });
+    side.view = new MapView(/** @type {HTMLCanvasElement} */ (canvas), run, () => this.draw());
+    side.state = element("span");
+    return element("figure", { class: "map" }, canvas, name, side.state);
+  }
+
+  /** Draw everything anew, for another size or other colors. */
+  repaint() {
+    const theme = readTheme();
+    for (const view of this.views) view.paint(theme);
+    this.tracks.paint(theme);
+    this.#draw(performance.now());
+  }
+
+  /** Draw the moment at the next chance. */
+  draw() {
+    this.frame ||= requestAnimationFrame((now) => this.#draw(now));
+  }
+
+  #draw(now) {
+    cancelAnimationFrame(this.frame);
+    this.frame = 0;
+    if (this.playing) {
+      this.t = Math.min(this.t + Math.min((now - this.before) / 1000, MOST_S) * this.speed, this.end);
+      this.before = now;
+      if (this.t < this.end) this.draw();
+      else this.pause();
+    }
+    for (const { view, state, run, activities } of this.sides.filter(({ view }) => view)) {
+      view.draw(this.t, this.shown);
+      const doing = activities.find(([start, end]) => start <= this.t && this.t < end)?.[2] || "";
+      const [speed, off] = ["speed_mmps", "localization_error_mm"].map((name) => run.value(name, this.t));
+      const said = [
+        doing,
+        `${speed.toFixed(2)} m/s`,
+        Number.isNaN(off) ? "" : `localization ${(100 * off).toFixed(0)} cm off`,
+      ];
+      state.textContent = this.t > run.end ? `ended at ${run.end.toFixed(2)} s` : said.filter(Boolean).join(" · ");
+    }
+    this.tracks.moveTo(this.t);
+    this.bar.time.textContent = `${this.t.toFixed(2)} s of ${this.end.toFixed(2)} s`;
+  }
+
+  play() {
+    if (this.t >= this.end) this.t = 0;
+    this.playing = true;
+    this.before = performance.now();
+    this.bar.play.textContent = "Pause";
+    this.draw();
+  }
+
+  pause() {
+    this.playing = false;
+    this.bar.play.textContent = "Play";
+    clearTimeout(this.keeping);
+    // Browsers limit how often an address may change. It replaces the last one, so that Back leaves the page.
+    this.keeping = setTimeout(() => history.replaceState(null, "", this.address()), 250);
+    this.draw();
+  }
+
+  /** Go to a time, and stay there. */
+  seek(t) {
+    // Rounded against sums of steps.
+    this.t = Math.min(Math.max(Math.round(t * 2000) / 2000, 0), this.end);
+    this.pause();
+  }
+
+  setSpeed(speed) {
+    this.speed = speed;
+    this.bar.speed.value = String(speed);
+  }
+
+  /** The address of this moment. */
+  address() {
+    const here = new URL(location.href);
+    here.searchParams.set("t", String(+this.t.toFixed(3)));
+    here.searchParams.set("paused", "1");
+    if (this.execute.hidden) here.searchParams.set("layers", "1");
+    return here.href;
+  }
+
+  #toNextContact() {
+    const times = this.sides.flatMap(({ run }) => run.contacts.map((event) => event.t_s)).sort((a, b) => a - b);
+    const next = times.find((t) => t > this.t + 1e-3);
+    if (next !== undefined) this.seek(next);
+    else this.said.textContent = times.length ? "No contact comes after this moment." : "There is no contact.";
+  }
+
+  #follow() {
+    const follow = !this.views.every((view) => view.follow);
+    for (const view of this.views) {
+      if (follow && view.fitted) view.zoom(Math.max(90 / view.scale, 1));
+      Object.assign(view, { follow, fitted: false });
+    }
+    this.draw();
+  }
+
+  #open(key, otherwise) {
+    const link = /** @type {HTMLAnchorElement | null} */ (document.querySelector(`a[data-key="${key}"]`));
+    if (link) link.click();
+    else this.said.textContent = otherwise;
+  }
+
+  async #copy() {
+    const copied = await navigator.clipboard.writeText(this.address()).then(
+      () => true,
+      () => false,
+    );
+    this.said.textContent = copied ? "The address of this moment is copied." : this.address();
+  }
+
+  /** Ask for the layers that only an execution has. */
+  async load() {
+    this.execute.disabled = true;
+    this.execute.textContent = "executing …";
+    const said = [];
+    for (const side of this.sides.filter(({ view }) => view)) {
+      try {
+        side.view.layers = new Layers(await fetchPacked(`/api/layers?${side.query}`));
+        const { activities, sentence, note } = side.view.layers.header;
+        side.activities = activities;
+        said.push(sentence, note);
+      } catch (error) {
+        said.push(`${side.run.name}: ${error instanceof Error ? error.message : error}`);
+      }
+    }
+    this.execute.hidden = this.views.some((view) => view.layers);
+    if (this.execute.hidden) this.boxes.enable();
+    this.execute.disabled = false;
+    this.execute.textContent = EXECUTE;
+    this.said.textContent = said.filter(Boolean).join(" ");
+    this.repaint();
+  }
+}
+
+async function sideOf(configuration, run) {
+  const place = String(new URLSearchParams({ c: query.get("c") || "", configuration, run }));
+  return { run: new Run(await fetchPacked(`/api/frames?${place}`)), query: place };
+}
+
+const place = /** @type {HTMLElement} */ (document.getElementById("player"));
+try {
+  const runs = [sideOf(query.get("configuration") || "", query.get("run") || "")];
+  const other = query.get("with");
+  if (other) runs.push(sideOf(other, query.get("withrun") || "0"));
+  const player = new Player(place, await Promise.all(runs));
+  if (query.get("layers") === "1") await player.load();
+} catch (error) {
+  showError(place, error);
+}
