@@ -327,8 +327,21 @@ def _group(name: str, oracles: Sequence[str]) -> Group:
 
 
 def python_of(table: RunTable, chosen: Filter, directory: Path) -> str:
-    """Return a pandas program that selects the same runs from the campaign directory's table."""
-    lines = ["import pandas as pd", "", f"runs = pd.read_parquet({str(directory / WIDE_FILE)!r})"]
+    """Return a pandas program that selects the same runs from the campaign directory's table.
+
+    Where the directory has no `runs_wide.parquet`, the program needs vastflow to join one.
+    """
+    if (directory / WIDE_FILE).is_file():
+        lines = ["import pandas as pd", "", f"runs = pd.read_parquet({str(directory / WIDE_FILE)!r})"]
+    else:
+        lines = [
+            "from pathlib import Path",
+            "",
+            "from vastflow.oracles.evidence.wide import wide_table",
+            "from vastflow.oracles.results.tables import read_tables",
+            "",
+            f"runs = wide_table(read_tables(Path({str(directory)!r})))",
+        ]
     parts = [_expression(table.column(each.column), each) for each in chosen.conditions]
     joined = "\n    & ".join(f"({part})" for part in parts)
     lines.append(f"selection = runs[\n    {joined}\n]" if parts else "selection = runs")
