@@ -1,17 +1,90 @@
-"""The page of all campaigns."""
+"""The page of all campaigns: their rates, what changed from one to the next, and trends."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from vastflow.deployments.explorer.directories import Directories
-from vastflow.deployments.explorer.pages import Pages
+from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
+from vastflow.deployments.explorer.file_change import FileChange, FileChanges
+from vastflow.deployments.explorer.pages import Pages, address
+from vastflow.deployments.explorer.trend import Trend, trend_of
+from vastflow.oracles.statistics.intervals import Counts
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignRow:
+    """A campaign in the list.
+
+    Attributes:
+        counts: Judged runs; None where they are not known.
+        change: None for the first campaign of its name, and for one that is not finished.
+    """
+
+    campaign: CampaignDirectory
+    counts: Counts | None
+    change: FileChange | None
+
+    @property
+    def faults(self) -> int:
+        """Number of faults, which are no failures of the system under test."""
+        found = self.campaign.metadata.get("faults")
+        return len(found) if isinstance(found, list) else 0
+
+
+def counts_of(campaign: CampaignDirectory) -> Counts | None:
+    """Return the runs of a finished campaign, or None where they are not known."""
+    told = campaign.metadata.get("counts", {}) if campaign.state == "finished" else {}
+    numbers = [told.get(name) for name in ("passed", "failed", "not_judged")]
+    known = [number for number in numbers if isinstance(number, int) and number >= 0]
+    return Counts(*known) if len(known) == len(numbers) else None
+
+
+def rows_of(found: Sequence[CampaignDirectory], changes: FileChanges) -> Iterator[CampaignRow]:
+    """Yield the rows of campaigns that are sorted newest first."""
+    for k, each in enumerate(found):
+        change = None
+        if each.state == "finished":
+            earlier = (other for other in found[k + 1 :] if other.name == each.name and other.state == "finished")
+            previous = next(earlier, None)
+            change = None if previous is None else changes.between(previous, each)
+        yield CampaignRow(each, counts_of(each), change)
+
+
+def trends_of(rows: Sequence[CampaignRow]) -> list[Trend]:
+    """Return the trend of each name that several campaigns with judged runs have, the newest name first."""
+    series: dict[str, list[tuple[CampaignDirectory, Counts]]] = {}
+    for row in rows:
+        if row.counts is not None and row.counts.judged:
+            series.setdefault(row.campaign.name, []).insert(0, (row.campaign, row.counts))
+    return [trend_of(name, campaigns) for name, campaigns in series.items() if len(campaigns) > 1]
 
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page."""
+    changes = FileChanges()
 
     def campaigns(request: Request) -> Response:
-        return pages.page(request, "campaigns.html.j2", found=directories.all(), roots=directories.roots)
+        name = request.query_params.get("name")
+        every = directories.all()
+        rows = list(rows_of([each for each in every if name in (None, each.name)], changes))
+        return pages.page(
+            request,
+            "campaigns.html.j2",
+            rows=rows,
+            trends=trends_of(rows),
+            roots=directories.roots,
+            name=name,
+            names=len({each.name for each in every}),
+        )
 
-    return [Route("/", campaigns)]
+    def chosen(request: Request) -> Response:
+        ticked = request.query_params.getlist("c")
+        if len(ticked) != 2:
+            return pages.sentence(request, 400, f"Expected two ticked campaigns, got {len(ticked)}.")
+        newer, older = sorted(map(directories.find, ticked), key=lambda each: each.created, reverse=True)
+        return RedirectResponse(address("/compare", a=older.id, b=newer.id), 303)
+
+    return [Route("/", campaigns), Route("/chosen", chosen)]

@@ -1,0 +1,97 @@
+"""Changes of a campaign file since the previous campaign of the same name."""
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias
+
+from vastflow.deployments.explorer.directories import CampaignDirectory
+from vastflow.flows.results.provenance import campaign_changes
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
+from vastflow.sim.model.files import read_text
+
+MOST_LINES: Final = 400
+"""Lines of a difference that are shown."""
+_MOST_COMPARED: Final = 20_000
+"""Lines of both files; more would take seconds."""
+_AROUND: Final = 2
+
+Kind: TypeAlias = Literal["added", "removed", "same", "gap"]
+_KINDS: Final[dict[str, Kind]] = {"+": "added", "-": "removed", "@": "gap"}
+
+
+@dataclass(frozen=True, slots=True)
+class FileChange:
+    """Differences between two campaigns of one name.
+
+    Attributes:
+        previous: The earlier campaign.
+        lines: Kind and text of the difference's lines, with a few equal ones around.
+        left_out: Number of lines that are not among them.
+        others: Sentences on what changed outside the file, such as versions and code.
+    """
+
+    previous: CampaignDirectory
+    added: int = 0
+    removed: int = 0
+    lines: tuple[tuple[Kind, str], ...] = ()
+    left_out: int = 0
+    others: tuple[str, ...] = ()
+
+    @property
+    def summary(self) -> str:
+        """The change in a few words."""
+        words = [f"+{self.added:,} −{self.removed:,} lines"] if self.added or self.removed else ["same file"]
+        return ", ".join([*words, *([f"{len(self.others)} more"] if self.others else [])])
+
+
+class FileChanges:
+    """Changes of campaign files, kept as finished campaigns don't change."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[CampaignDirectory, CampaignDirectory], FileChange] = {}
+
+    def between(self, previous: CampaignDirectory, campaign: CampaignDirectory) -> FileChange:
+        """Return what changed from one finished campaign to a later one."""
+        key = (previous, campaign)
+        if key not in self._known:
+            try:
+                with reading(campaign.path):
+                    texts = [read_text(each.path / "campaign.vast").splitlines() for each in key]
+            except UnusableDirectory as error:
+                return FileChange(previous, others=(str(error),))  # which may be mended
+            self._known[key] = _changed(previous, texts, _others(previous, campaign))
+        return self._known[key]
+
+
+def _changed(previous: CampaignDirectory, texts: Sequence[list[str]], others: tuple[str, ...]) -> FileChange:
+    then, now = texts
+    if len(then) + len(now) > _MOST_COMPARED:
+        words = "same file" if then == now else f"the file has {len(now):,} lines, {len(then):,} before, and other text"
+        return FileChange(previous, others=(words, *others))
+    found = list(difflib.unified_diff(then, now, n=_AROUND, lineterm=""))[2:]  # without the files' names
+    lines = [(_KINDS.get(line[:1], "same"), _line_text(line)) for line in found]
+    kinds = [kind for kind, _ in lines]
+    return FileChange(
+        previous,
+        added=kinds.count("added"),
+        removed=kinds.count("removed"),
+        lines=tuple(lines[:MOST_LINES]),
+        left_out=max(0, len(lines) - MOST_LINES),
+        others=others,
+    )
+
+
+def _line_text(line: str) -> str:
+    """Return the text of a line of a unified difference; a gap says where it goes on in the later file."""
+    if not line.startswith("@@"):
+        return line[1:]
+    return f"line {line.split('+')[1].split(' ')[0].split(',')[0]}"
+
+
+def _others(previous: CampaignDirectory, campaign: CampaignDirectory) -> tuple[str, ...]:
+    try:
+        with reading(campaign.path):
+            return tuple(campaign_changes(previous.metadata, campaign.metadata))
+    except UnusableDirectory:
+        return ("versions and code can't be compared, as one of the campaigns has no record of them",)
