@@ -1,0 +1,282 @@
+/** The page of a campaign: one selection, and views of it that follow. */
+import { parallelChart, scatterChart, verdictKey } from "./chart.js";
+import { address, element, fetched, showError } from "./dom.js";
+import { showFacets } from "./facets.js";
+import { MapView } from "./map.js";
+import { saveButtons } from "./save.js";
+import { changed, conditionWords, count, filterText, interval, percent, readArrays, VERDICTS } from "./selection.js";
+import { showTable } from "./table.js";
+
+const ROWS = 50;
+const AGAIN_MS = 1000;
+const LAYERS = { paths: "Trajectories", ends: "Final poses", rate: "Failure rate" };
+const query = new URLSearchParams(location.search);
+const c = query.get("c");
+const $ = (id) => document.getElementById(id);
+
+/** What the address has. */
+const state = {
+  f: query.get("f") ?? "",
+  map: query.get("map"),
+  layer: query.get("layer") ?? "paths",
+  sort: query.get("sort") ?? "rate",
+  descending: query.get("order") === "descending",
+  start: Number(query.get("start") ?? 0),
+  x: query.get("x"),
+  y: query.get("y"),
+  open: new Set((query.get("open") ?? "").split(",").filter(Boolean)),
+};
+let told = null;
+let waiting = new AbortController();
+const runAddress = (configuration, run) => address("/run", { c, configuration, run });
+const name = document.querySelector("h1").firstChild.textContent.trim();
+let map = null;
+
+/** Put the state into the address; the back button leaves the page as before. */
+function remember() {
+  const given = {
+    c,
+    f: state.f || null,
+    map: state.map,
+    layer: state.layer === "paths" ? null : state.layer,
+    sort: state.sort === "rate" ? null : state.sort,
+    order: state.descending ? "descending" : null,
+    start: state.start || null,
+    x: state.x,
+    y: state.y,
+    open: state.open.size ? [...state.open].join(",") : null,
+  };
+  history.replaceState(null, "", address("/campaign", given));
+}
+
+/** Ask for a view of the selection; a change of the selection gives up what is still asked. */
+const ask = (view, more = {}) => fetched(address(`/api/${view}`, { c, f: state.f || null, ...more }), { signal: waiting.signal });
+
+/** Run a view; its error takes its place. */
+function shown(place, view) {
+  return view().catch((error) => showError(place, error));
+}
+
+function choose(column, condition) {
+  select(changed(told?.conditions ?? [], column, condition));
+}
+
+function select(conditions) {
+  if (told) told.conditions = conditions; // a second change may come before the reply to the first
+  state.f = filterText(conditions);
+  state.start = 0;
+  refresh();
+}
+
+async function refresh() {
+  waiting.abort();
+  waiting = new AbortController();
+  remember();
+  try {
+    const facets = ask("facets").then((reply) => reply.json());
+    const rows = showRows();
+    told = await (await ask("summary")).json();
+    $("error").replaceChildren();
+    state.f = told.filter;
+    remember();
+    showSummary();
+    showReasons();
+    const drawnMap = showMap();
+    showFacets($("facets"), await facets, told.conditions, choose);
+    await Promise.all([rows, drawnMap, ...["scatter", "parallel", "python"].map(showDetails)]);
+  } catch (error) {
+    showError($("error"), error);
+    if (!(error instanceof DOMException)) $("error").append(clearButton());
+  }
+  document.documentElement.dataset.shown = String(Number(document.documentElement.dataset.shown ?? 0) + 1);
+}
+
+const clearButton = () => element("button", { click: () => select([]) }, "Clear all filters");
+
+function showSummary() {
+  const { summary } = told;
+  const parts = [summary.passed, summary.failed, summary.not_judged].map((n, k) => {
+    return element("span", { class: VERDICTS[k].name.replace(" ", "-") }, `${count(n)} ${VERDICTS[k].word}`);
+  });
+  const rate = summary.rate === null ? "Nothing was judged" : `${percent(summary.rate)} passed (${interval(summary.interval)})`;
+  const size =
+    summary.runs === summary.all_runs
+      ? `all ${count(summary.runs)} runs of ${count(summary.configurations)} configurations`
+      : `${count(summary.runs)} of ${count(summary.all_runs)} runs, ${count(summary.configurations)} of ${count(summary.all_configurations)} configurations`;
+  const title = "95 % interval of the rate among configurations like these";
+  const chips = told.conditions.map((each) => {
+    const click = () => choose(each.column, null);
+    return element("button", { class: "chip", click, "aria-label": `Remove: ${conditionWords(each)}` }, `${conditionWords(each)} ✕`);
+  });
+  const files = ["csv", "parquet"].map((format) => {
+    const to = address("/api/table", { c, f: state.f || null, format });
+    return element("a", { class: "button", href: to, download: "" }, format === "csv" ? "CSV" : "Parquet");
+  });
+  const line = element("p", { class: "headline" }, element("b", { title }, rate), ...parts, element("span", { class: "muted" }, size));
+  const tools = element("div", { class: "tools" }, ...chips, ...(chips.length ? [clearButton()] : []), ...files);
+  $("summary").replaceChildren(line, tools);
+}
+
+const showRows = () =>
+  shown($("table"), async () => {
+    const { sort, descending, start } = state;
+    const found = await (await ask("rows", { sort, order: descending ? "descending" : null, start, count: ROWS })).json();
+    showTable($("table"), found, { c, sort, descending, size: ROWS }, (change) => {
+      Object.assign(state, change);
+      remember();
+      showRows();
+    });
+  });
+
+function showReasons() {
+  const { reasons } = told;
+  const lists = [
+    ["cause", "Causes"],
+    ["reason", "Reasons"],
+  ].flatMap(([column, title]) => {
+    const rows = reasons[column].rows.map((row) => {
+      const only = () => choose(column, { column, values: [row.value] });
+      const button = element("button", { class: "link", click: only, title: "Select these runs" }, row.value ?? "none was found");
+      const example = element("a", { href: runAddress(row.configuration, row.run) }, "an example");
+      return element("li", {}, button, ` ${count(row.runs)} runs, ${count(row.configurations)} configurations, `, example);
+    });
+    const more = reasons[column].left_out ? [element("p", { class: "muted" }, `${count(reasons[column].left_out)} more, less frequent`)] : [];
+    return rows.length ? [element("h3", {}, title), element("ul", { class: "reasons" }, ...rows), ...more] : [];
+  });
+  const none = element("p", { class: "muted" }, "No selected run failed.");
+  $("reasons").replaceChildren(element("h2", {}, "Why runs failed"), ...(lists.length ? lists : [none]));
+}
+
+const showMap = () =>
+  shown($("map"), async () => {
+    if (!told.maps.length) {
+      $("map").replaceChildren(element("h2", {}, "Map"), element("p", { class: "muted" }, "These scenarios have no map."));
+      return;
+    }
+    if (!told.maps.some(({ id }) => id === state.map)) state.map = null;
+    const environment = state.map ?? told.maps[0].id;
+    if (!map) startMap(environment);
+    const content = await readArrays(await ask("paths", { environment, layer: state.layer }));
+    const { header } = content;
+    await map.show(content, address("/api/map.png", { c, environment }));
+    const note = $("map").querySelector(".note");
+    const damaged = header.damaged ? ` ${count(header.damaged)} recordings are damaged.` : "";
+    const part = header.read < header.configurations_here ? ` Read so far: ${count(header.read)} of ${count(header.configurations_here)} configurations.` : "";
+    const dense = header.form === "grid" && header.layer !== "rate" ? " Too many to draw each, so their number in each cell is shown." : "";
+    note.textContent = header.problem || `${count(header.runs ?? 0)} recorded runs on this map.${dense}${part}${damaged}`;
+    if (part && !header.problem) {
+      const { signal } = waiting;
+      setTimeout(() => signal.aborted || showMap(), AGAIN_MS);
+    }
+  });
+
+function startMap(environment) {
+  const layers = Object.entries(LAYERS).map(([layer, title]) => {
+    const change = () => {
+      state.layer = layer;
+      remember();
+      showMap();
+    };
+    return element("label", {}, element("input", { type: "radio", name: "layer", checked: layer === state.layer, change }), title);
+  });
+  const choices = told.maps.map(({ id, name: title, failed }) => {
+    return element("option", { value: id, selected: id === environment }, `${title} (${count(failed)} failed)`);
+  });
+  const change = (event) => {
+    state.map = event.target.value;
+    remember();
+    showMap();
+  };
+  const maps = told.maps.length > 1 ? [element("label", {}, "Map ", element("select", { change }, ...choices))] : [];
+  const tools = element("div", { class: "tools", role: "group", "aria-label": "Layer of the map" }, ...layers, ...maps);
+  $("map").replaceChildren(element("h2", {}, "Map"), tools);
+  map = new MapView($("map"), `${name}-map`, runAddress);
+  $("map").append(verdictKey(), element("p", { class: "note muted" }));
+}
+
+/** Fill a part of the page that is folded until somebody opens it. */
+function showDetails(id) {
+  const place = $(id).querySelector("div");
+  if (!$(id).open) return Promise.resolve();
+  return shown(place, () => ({ scatter: showScatter, parallel: showParallel, python: showPython })[id](place));
+}
+
+async function showScatter(place) {
+  const numbers = told.columns.map((each) => each.name);
+  state.x = numbers.includes(state.x) ? state.x : (told.columns.find(({ group }) => group === "factor")?.name ?? numbers[0]);
+  state.y = numbers.includes(state.y) ? state.y : (told.columns.find(({ group }) => group === "metric")?.name ?? numbers[0]);
+  if (!state.x || !state.y) return place.replaceChildren(element("p", { class: "muted" }, "No column varies."));
+  const pick = (axis) => {
+    const change = (event) => {
+      state[axis] = event.target.value;
+      remember();
+      showDetails("scatter");
+    };
+    const options = numbers.map((each) => element("option", { selected: each === state[axis] }, each));
+    return element("label", {}, `${axis} `, element("select", { change }, ...options));
+  };
+  const names = new URLSearchParams([["c", c], ["f", state.f], ["column", state.x], ["column", state.y]]);
+  const { header, arrays } = await readArrays(await fetched(`/api/points?${names}`, { signal: waiting.signal }));
+  const [first, second] = header.columns.map((each, k) => ({ ...each, values: arrays[k] }));
+  const [place1, runs, verdicts] = arrays.slice(2);
+  const line = element("p", { class: "muted" }, "A point tells its run; a dragged rectangle selects.");
+  const tell = (k) => {
+    const configuration = header.configurations[place1[k]];
+    const link = element("a", { href: runAddress(configuration, runs[k]) }, `${configuration}, run ${runs[k]}`);
+    line.replaceChildren(link, `: ${VERDICTS[verdicts[k]].word}`);
+  };
+  const chart = scatterChart(first, second, verdicts, tell, (x, y) => {
+    const ends = [x, y].map((range, k) => rangeOf(header.columns[k], range)).filter(Boolean);
+    select(ends.reduce((conditions, each) => changed(conditions, each.column, each), told.conditions));
+  });
+  const saved = saveButtons(`${name}-scatter`, () => chart);
+  place.replaceChildren(element("div", { class: "tools" }, pick("x"), pick("y"), ...saved), chart, verdictKey(), sampled(header), line);
+}
+
+/** The condition of a range on an axis, texts by their places. */
+function rangeOf({ name: column, levels }, [low, high]) {
+  if (!levels) return { column, low: Number(low.toPrecision(4)), high: Number(high.toPrecision(4)) };
+  const values = levels.filter((_, k) => k >= low - 0.3 && k <= high + 0.3);
+  return values.length ? { column, values } : null;
+}
+
+const sampled = ({ shown: n, total }) =>
+  element("p", { class: "muted" }, n < total ? `${count(n)} of ${count(total)} runs, evenly chosen.` : `All ${count(n)} selected runs.`);
+
+async function showParallel(place) {
+  const { header, arrays } = await readArrays(await ask("points"));
+  if (!header.columns.length) return place.replaceChildren(element("p", { class: "muted" }, "No column varies in the selection."));
+  const columns = header.columns.map((each, k) => ({ ...each, values: arrays[k] }));
+  const chart = parallelChart(columns, arrays[arrays.length - 1], (k, ends) => {
+    const condition = rangeOf(columns[k], ends);
+    if (condition) choose(columns[k].name, condition);
+  });
+  const hidden = [
+    ...(header.constant.length ? [`The same in the selection: ${header.constant.join(", ")}.`] : []),
+    ...(header.left_out.length ? [`Not drawn for want of room: ${header.left_out.join(", ")}.`] : []),
+    "Values below an axis were not measured. Drag along an axis to select a range.",
+  ].map((text) => element("p", { class: "muted" }, text));
+  place.replaceChildren(element("div", { class: "tools" }, ...saveButtons(`${name}-parallel`, () => chart)), chart, verdictKey(), sampled(header), ...hidden);
+}
+
+async function showPython(place) {
+  const copied = element("span", { class: "muted", "aria-live": "polite" });
+  const click = async () => {
+    await navigator.clipboard.writeText(told.python);
+    copied.textContent = " copied";
+  };
+  place.replaceChildren(element("pre", {}, told.python), element("button", { click }, "Copy"), copied);
+}
+
+for (const id of ["scatter", "parallel", "python"]) {
+  $(id).open = state.open.has(id);
+  $(id).addEventListener("toggle", () => {
+    if ($(id).open === state.open.has(id)) return;
+    if ($(id).open) state.open.add(id);
+    else state.open.delete(id);
+    remember();
+    if (told) showDetails(id);
+  });
+}
+$("side").open = matchMedia("(min-width: 60rem)").matches;
+refresh();
