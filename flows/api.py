@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from vastflow.flows.request.run_request import RunRequest, option_parameters, request_of
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.computing import Computing
+from vastflow.flows.run.event_log import EventLog, logged
 from vastflow.flows.run.judged import Judged, begin, look, through
 from vastflow.flows.run.prepared import PreparedCampaign, open_run
 from vastflow.flows.run.reporting import current, reported
@@ -40,27 +41,29 @@ def run_campaign(
         ResultsError: the campaign directory can't be written; nothing of it is left, and everything is in the store.
         StoreError: this machine lacks something that a computation needs, such as a home that can be written.
         PrefectUnavailable: Prefect's API can't be started, or stayed away.
+        CampaignStopped: a reader of the running campaign asked for it.
         ClusterError: the Dask cluster can't compute the campaign.
         ValueError, TypeError: an option is out of its bounds, or there is none of that name.
     """
     with open_run(request_of(campaign, options), observer or notebook_display()) as (run, computing):
         if (results := current(run, computing)) is not None:
             return results
-        judged = None
-        with suppress(Lost):  # a damaged artifact is found when it is read; then there is something to compute
-            computing.tally.begin("scanning")
-            run.store.refresh()
-            judged = through(run, computing, look(run, computing))
-            if judged is not None and not judged.incomplete(computing.engine):
-                return reported(run, computing, judged)
-        return _computed(run, computing, judged)
+        with logged(run, computing) as log:
+            judged = None
+            with suppress(Lost):  # a damaged artifact is found when it is read; then there is something to compute
+                computing.tally.begin("scanning")
+                run.store.refresh()
+                judged = through(run, computing, look(run, computing))
+                if judged is not None and not judged.incomplete(computing.engine):
+                    return reported(run, computing, judged, log)
+            return _computed(run, computing, judged, log)
 
 
 _own = list(signature(run_campaign).parameters.values())[:-1]
 setattr(run_campaign, "__signature__", signature(run_campaign).replace(parameters=[*_own, *option_parameters()]))  # noqa: B010
 
 
-def _computed(run: PreparedCampaign, computing: Computing, judged: Judged | None) -> Results:
+def _computed(run: PreparedCampaign, computing: Computing, judged: Judged | None, log: EventLog) -> Results:
     begin(run, computing, judged)
     results: list[Results] = []
     known = [judged]  # for the flow's first call: another begins with what the store has by then
@@ -68,7 +71,8 @@ def _computed(run: PreparedCampaign, computing: Computing, judged: Judged | None
     def flow() -> "State[Any]":
         from vastflow.flows.campaign import flow_of
 
-        return flow_of(run, computing, known.pop() if known else None, results.append)(run.request, return_state=True)
+        known_now = known.pop() if known else None
+        return flow_of(run, computing, known_now, log, results.append)(run.request, return_state=True)
 
     computing.run(flow, done=lambda: bool(results))
     return results[-1]

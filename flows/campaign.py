@@ -23,6 +23,7 @@ from vastflow.flows.flow_runs.task_runs import TaskRuns, compute, instantiate, s
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.computing import Computing
+from vastflow.flows.run.event_log import EventLog, logged
 from vastflow.flows.run.judged import Judged, computed, look, scanned, through
 from vastflow.flows.run.prepared import PreparedCampaign, open_run
 from vastflow.flows.run.reporting import reported
@@ -57,18 +58,22 @@ def campaign(request: RunRequest) -> State[Any]:
         StoreError: the store can't be used.
         ClusterError: the Dask cluster that was asked can't compute it.
     """
-    with open_run(request) as (run, computing):
-        return _ended(run, computing, None, flow_run.name == _stem(request))
+    with open_run(request) as (run, computing), logged(run, computing) as log:
+        return _ended(run, computing, None, log, flow_run.name == _stem(request))
 
 
 def flow_of(
-    run: PreparedCampaign, computing: Computing, judged: Judged | None, deliver: Callable[[Results], object]
+    run: PreparedCampaign,
+    computing: Computing,
+    judged: Judged | None,
+    log: EventLog,
+    deliver: Callable[[Results], object],
 ) -> Flow[[RunRequest], State[Any]]:
     """Return the flow of a campaign that this process has prepared; `deliver` is given the results."""
 
     @flow(name=FLOW, flow_run_name=computing.title, persist_result=False)
     def campaign(request: RunRequest) -> State[Any]:
-        return _ended(run, computing, judged, True, deliver)
+        return _ended(run, computing, judged, log, True, deliver)
 
     return campaign
 
@@ -77,6 +82,7 @@ def _ended(
     run: PreparedCampaign,
     computing: Computing,
     judged: Judged | None,
+    log: EventLog,
     renames: bool,
     deliver: Callable[[Results], object] = lambda results: None,
 ) -> State[Any]:
@@ -86,10 +92,10 @@ def _ended(
     page = Page(run.name, str(flow_run.id), get_run_logger().info, size if renames else None, engine.workers_table)
     try:
         with suspendable(engine), task_runs_of(run.name, engine, computing.tally, page) as task_runs:
-            results = _results(run, computing, judged, task_runs)
+            results = _results(run, computing, judged, log, task_runs)
             deliver(results)
-    except PoolClosed as error:  # by Ctrl-C
-        return Cancelled(message=str(error))
+    except PoolClosed as error:  # by Ctrl-C, or by a reader
+        return Cancelled(message=str(error) if log.stopped_by is None else f"stopped: {log.stopped_by}")
     publish(results, run.name, run.request.reports)  # after the last of what the progress tells of
     if results.faults:
         first = results.faults[0]
@@ -97,7 +103,9 @@ def _ended(
     return Completed(message=outcome_text(results))
 
 
-def _results(run: PreparedCampaign, computing: Computing, judged: Judged | None, task_runs: TaskRuns) -> Results:
+def _results(
+    run: PreparedCampaign, computing: Computing, judged: Judged | None, log: EventLog, task_runs: TaskRuns
+) -> Results:
 
     def stages(task_runs: TaskRuns, judged: Judged | None) -> Judged:
         if judged is None:
@@ -118,7 +126,7 @@ def _results(run: PreparedCampaign, computing: Computing, judged: Judged | None,
             known = look(run, computing) if attempt or judged is None else judged
             found = through(run, computing, known, completed)
             assert found is not None
-            return reported(run, computing, found)
+            return reported(run, computing, found, log)
     raise AssertionError("attempts end with an error")
 
 

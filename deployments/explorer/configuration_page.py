@@ -29,6 +29,7 @@ MOST_SAMPLES: Final = 600
 _NO_SIGNALS: Final = (TIME, "x_m", "y_m", "estimated_x_m", "estimated_y_m", "localized", "stopped")
 _FIRST: Final = ("static_clearance_m", "wall_clearance_m", "localization_error_m", "speed_mps", "deviation_m")
 """Signals in the order in which one is shown at first."""
+_GIVEN: Final = ("factor", "path")
 _WORDS: Final = {code: word for word, code in CODES.items()}
 
 
@@ -93,7 +94,7 @@ def runs_and_neighbor(request: Request, campaign: Campaign, k: int) -> Response:
             **{"passed": passed, "failed": failed, "not_judged": not_judged, "rate": rate(passed, failed)},
             "family": value_of(table, "family", first),
             "values": [
-                {"name": n, "value": value_of(table, n, first)} for n, c in table.columns.items() if c.group == "factor"
+                {"name": n, "value": value_of(table, n, first)} for n, c in table.columns.items() if c.group in _GIVEN
             ],
             "runs": runs,
             "events": events,
@@ -130,9 +131,11 @@ def neighbor(table: RunTable, counts: NDArray[np.int64], k: int) -> Mapping[str,
         return None
     candidates = np.flatnonzero(others == others.max())
     first = np.searchsorted(table.configuration, np.arange(len(rates)))
-    factors = [column for column in table.columns.values() if column.group == "factor" or column.name == "family"]
+    given = [column for column in table.columns.values() if column.group in _GIVEN or column.name == "family"]
     distance = np.zeros(len(candidates))
-    for column in factors:
+    for column in given:
+        if column.group == "path":
+            continue
         values, missing = column.values[first], column.missing[first]
         gaps = np.where(missing[candidates] != missing[k], 1.0, 0.0)
         both = ~missing[candidates] & ~missing[k]
@@ -143,7 +146,7 @@ def neighbor(table: RunTable, counts: NDArray[np.int64], k: int) -> Mapping[str,
             gaps[both] = values[candidates][both] != values[k]
         distance += gaps
     nearest = int(candidates[distance.argmin()])
-    pairs = [(c.name, value_of(table, c.name, int(first[k])), value_of(table, c.name, int(first[nearest]))) for c in factors]
+    pairs = [(c.name, value_of(table, c.name, int(first[k])), value_of(table, c.name, int(first[nearest]))) for c in given]
     passed, failed, _ = counts[nearest].tolist()
     return {
         "name": table.configurations[nearest],

@@ -135,8 +135,9 @@ def _finished(path: Path) -> CampaignDirectory:
             raise ValueError(f"{led} is a link out of the directory")
         content = read_json(path / METADATA)
         metadata = content if isinstance(content, dict) else {}
-        if lacking := {"name", "created", "counts"} - metadata.keys():
-            raise ValueError(f"{METADATA} has no {min(lacking)}")
+        lacking = {"name", "created", "counts"} - metadata.keys()
+        if lacking or not isinstance(metadata["counts"], dict):
+            raise ValueError(f"{METADATA} has no {min(lacking, default='counts')}")
     except (OSError, ValueError) as error:
         problem = " ".join(str(error).split())
     name, created = (str(metadata.get(key, "")) for key in ("name", "created"))

@@ -32,6 +32,7 @@ MOST_REASONS: Final = 12
 _VERDICTS: Final = 3
 _NO_FACETS: Final = ("configuration", "run_index")
 _SHOWN_FACTORS: Final = 6
+_AXES: Final = ("factor", "path", "metric")
 _SAMPLE: Final = 1000
 _DIGITS: Final = 12
 """Significant digits of a mean, which hide its rounding."""
@@ -58,11 +59,12 @@ def facet_of(column: Column) -> Facet:
     """Return the facet of a column: few distinct numbers are values, more of them bins."""
     none, nowhere = np.zeros(0), np.zeros(0, dtype=np.int64)
     if column.levels is not None:
-        used = np.unique(column.values)
-        names: list[str | None] = [column.levels[k] if k >= 0 else None for k in used.tolist()]
+        used = np.unique(np.where(column.values < 0, len(column.levels), column.values))  # missing ones come last
+        names: list[str | None] = [*column.levels, None]
+        names = [names[k] for k in used.tolist()]
         if any(name is not None and is_place(name) for name in names[:2]) and len(used) > 1:
             return Facet(column, "places", none, (), nowhere)
-        return _of_values(column, names, np.searchsorted(used, column.values))
+        return _of_values(column, names, np.searchsorted(used, column.values % (len(column.levels) + 1)))
     missing = ~np.isfinite(column.values)
     finite = column.values[~missing]
     # Sorting all of a hundred thousand numbers takes long, and a few of them mostly tell.
@@ -352,7 +354,7 @@ def default_columns(facets: Facets) -> list[str]:
 def axes_of(facets: Facets, chosen: Filter) -> list[str]:
     """Return the columns of parallel coordinates: those of the filter's ranges first, then factors and metrics."""
     asked = [each.column for each in chosen.conditions if isinstance(each, Between)]
-    return list(dict.fromkeys([*asked, *facets.varying("factor"), *facets.varying("metric")]))
+    return list(dict.fromkeys([*asked, *(name for group in _AXES for name in facets.varying(group))]))
 
 
 def column_list(facets: Facets) -> list[Mapping[str, Any]]:

@@ -3,6 +3,7 @@
 import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
 from vastflow.deployments.explorer.directories import CampaignDirectory
@@ -29,6 +30,7 @@ class FileChange:
         lines: Kind and text of the difference's lines, with a few equal ones around.
         left_out: Number of lines that are not among them.
         others: Sentences on what changed outside the file, such as versions and code.
+        compared: False for a file that can't be read or is too long; then `others` says so.
     """
 
     previous: CampaignDirectory
@@ -37,12 +39,15 @@ class FileChange:
     lines: tuple[tuple[Kind, str], ...] = ()
     left_out: int = 0
     others: tuple[str, ...] = ()
+    compared: bool = True
 
     @property
     def summary(self) -> str:
         """The change in a few words."""
-        words = [f"+{self.added:,} −{self.removed:,} lines"] if self.added or self.removed else ["same file"]
-        return ", ".join([*words, *([f"{len(self.others)} more"] if self.others else [])])
+        lines = f"+{self.added:,} −{self.removed:,} lines" if self.added or self.removed else "same file"
+        if not self.compared:
+            return "file not compared"
+        return f"{lines}, {len(self.others)} more" if self.others else lines
 
 
 class FileChanges:
@@ -56,19 +61,23 @@ class FileChanges:
         key = (previous, campaign)
         if key not in self._known:
             try:
-                with reading(campaign.path):
-                    texts = [read_text(each.path / "campaign.vast").splitlines() for each in key]
+                texts = [_file_lines(each.path / "campaign.vast") for each in key]
             except UnusableDirectory as error:
-                return FileChange(previous, others=(str(error),))  # which may be mended
+                return FileChange(previous, others=(str(error),), compared=False)  # which may be mended
             self._known[key] = _changed(previous, texts, _others(previous, campaign))
         return self._known[key]
+
+
+def _file_lines(file: Path) -> list[str]:
+    with reading(file):
+        return read_text(file).splitlines()
 
 
 def _changed(previous: CampaignDirectory, texts: Sequence[list[str]], others: tuple[str, ...]) -> FileChange:
     then, now = texts
     if len(then) + len(now) > _MOST_COMPARED:
-        words = "same file" if then == now else f"the file has {len(now):,} lines, {len(then):,} before, and other text"
-        return FileChange(previous, others=(words, *others))
+        words = "the same" if then == now else f"other text, {len(then):,} lines before"
+        return FileChange(previous, others=(f"the file of {len(now):,} lines has {words}", *others), compared=False)
     found = list(difflib.unified_diff(then, now, n=_AROUND, lineterm=""))[2:]  # without the files' names
     lines = [(_KINDS.get(line[:1], "same"), _line_text(line)) for line in found]
     kinds = [kind for kind, _ in lines]

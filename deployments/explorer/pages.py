@@ -25,7 +25,7 @@ class Pages:
             lstrip_blocks=True,
         )
         self._environment.globals["address"] = address
-        self._environment.filters |= {"percent": percent, "count": count, "moment": moment}
+        self._environment.filters |= {"percent": percent, "count": count, "moment": moment, "points": points}
 
     def page(self, request: Request, template: str, status: int = 200, **values: Any) -> HTMLResponse:
         """Return a page; `request` and `values` are names in the template."""
@@ -47,6 +47,12 @@ def address(path: str, **query: object) -> str:
 def percent(share: float | None) -> str:
     """Return a share in percent, or a dash for one that was not measured."""
     return "–" if share is None else f"{100 * share:.1f} %"
+
+
+def points(share: float) -> str:
+    """Return a difference of shares in percentage points, with its sign."""
+    text = f"{100 * share:+.1f}".replace("-", "−")
+    return "0.0" if text in ("+0.0", "−0.0") else text
 
 
 def count(number: float) -> str:

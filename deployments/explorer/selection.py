@@ -15,11 +15,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from vastflow.oracles.evidence.varied import MEASURED, PATH_PROPERTIES
 from vastflow.oracles.results.schema import floats, integers, read_columns
 from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS, read_tables
 from vastflow.sim.model.faults import UserError
 
-Group: TypeAlias = Literal["run", "verdict", "metric", "factor"]
+Group: TypeAlias = Literal["run", "verdict", "metric", "factor", "path"]
 Bools: TypeAlias = NDArray[np.bool_]
 
 WIDE_FILE: Final = "runs_wide.parquet"
@@ -30,6 +31,8 @@ RUN_COUNTS: Final = ("missed_goals", "contacts", "configuration", "run_index")
 JUDGED: Final = ("pass", "fail")
 """Levels of a verdict; a run that was not judged has none."""
 
+PATH_COLUMNS: Final = (*MEASURED.values(), *PATH_PROPERTIES.values())
+"""Numbers that follow from a drawn path, and that nobody chose."""
 _UNITS: Final[Mapping[str, str]] = {"simulated_s": "s", "distance_m": "m"}
 _MISSING: Final = "!"
 _SAFE: Final = " ()/,"
@@ -323,7 +326,9 @@ def _group(name: str, oracles: Sequence[str]) -> Group:
         return "run"
     if name == PASSED or name in [f"{PASSED}.{oracle}" for oracle in oracles]:
         return "verdict"
-    return "metric" if any(name.startswith(f"{oracle}.") for oracle in oracles) else "factor"
+    if any(name.startswith(f"{oracle}.") for oracle in oracles):
+        return "metric"
+    return "path" if name in PATH_COLUMNS else "factor"
 
 
 def python_of(table: RunTable, chosen: Filter, directory: Path) -> str:

@@ -12,7 +12,7 @@ import typer
 
 from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
 from vastflow.flows.results.address import check_directory, meant_address
-from vastflow.flows.terminal.ending import FAULT, Interruptible, check_writable
+from vastflow.flows.terminal.ending import FAULT, INTERRUPTED, Interruptible, check_writable
 from vastflow.flows.terminal.options import AsJson, asking
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
@@ -145,11 +145,15 @@ def computing() -> "Iterator[Display]":
 
         with Display() as display:
             interruptible.last_words_by(display.close)
+            from vastflow.flows.run.event_log import CampaignStopped
             from vastflow.tasks.engine.executor import ClusterError
             from vastflow.tasks.prefect.server import PrefectUnavailable
 
             try:
                 yield display
+            except CampaignStopped as stopped:
+                display.close(f"{stopped}; {going_on}")
+                raise typer.Exit(INTERRUPTED) from None
             except (PrefectUnavailable, ClusterError) as error:
                 display.close(f"{error}; {going_on}")
                 raise typer.Exit(FAULT) from None
@@ -157,7 +161,8 @@ def computing() -> "Iterator[Display]":
 
 def _directory(results: Path) -> Path:
     """Return the campaign directory, or an incomplete one if there is no other."""
-    from vastflow.flows.results.directory import left_behind, writer_of
+    from vastflow.flows.results.directory import left_behind
+    from vastflow.oracles.results.unfinished import writer_of
 
     if meant_address(results):
         check_directory(results)

@@ -1,25 +1,42 @@
-"""The command `show`: a finished campaign in the terminal."""
+"""The command `show`: a campaign in the terminal, finished or running."""
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
+from vastflow.flows.terminal.ending import INTERRUPTED, Interruptible
 from vastflow.flows.terminal.options import AsJson, PlaceOfResults
+from vastflow.oracles.results.unusable import reading
+from vastflow.sim.model.faults import UserError
+
+_RESULTS: Final = "results"
+"""Folder in which a campaign to follow is looked for, unless one is named."""
 
 
 def show(
-    results: PlaceOfResults,
+    results: PlaceOfResults = "",
     coverage: Annotated[
         bool, typer.Option("--coverage", help="Show how much of the requested test space was realized instead.")
     ] = False,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Show a running campaign until it ends; default: the newest in results.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show a finished campaign.
+    """Show a campaign.
 
-    Success rates, rejections with their reasons, and the path of the report; with --json, the coverage.
+    Success rates, rejections with their reasons, and the path of the report; with --json, the coverage. With --follow, the progress
+    of a running campaign and its failures as they come; with --json, its events, one a line.
     """
+    if follow:
+        if coverage:
+            raise UserError("--coverage: expected a finished campaign, got --follow")
+        _follow(Path(results or _RESULTS), as_json)
+        return
+    if not results:
+        raise UserError("RESULTS: expected a campaign directory; only --follow finds one itself")
     from vastflow.flows.plan.text import coverage_text
     from vastflow.flows.results.address import WITHOUT_RUNS, at_hand, check_directory
     from vastflow.flows.terminal.display import printed
@@ -27,7 +44,6 @@ def show(
     from vastflow.oracles.evidence.evidence import evidence_of
     from vastflow.oracles.results.coverage import read_coverage
     from vastflow.oracles.results.tables import read_tables
-    from vastflow.oracles.results.unusable import reading
 
     with at_hand(results, WITHOUT_RUNS) as directory:
         check_directory(directory)
@@ -42,6 +58,31 @@ def show(
                 print(f"{tables.metadata['name']}, {tables.metadata['created']}\n")
                 printed(shown)
                 print(f"\n{report_line(directory, results.rstrip('/'))}")
+
+
+def _follow(results: Path, as_json: bool) -> None:
+    """Show the events of a campaign; exit with the code of an interrupt if it was stopped."""
+    from vastflow.flows.terminal.following import FollowedCampaign, followed_directory
+    from vastflow.oracles.results.events import follow
+
+    directory = followed_directory(results)
+    with Interruptible("interrupted; the campaign goes on"), reading(directory):
+        followed = FollowedCampaign()
+        if as_json:
+            for followed.last in follow(directory):
+                print(followed.last.line.decode(), end="", flush=True)
+        else:
+            followed.show(follow(directory))
+    last = followed.last
+    if last is None or last.event != "ended":
+        if not as_json:
+            reason = "its events end early" if last is None else last.values.get("reason")
+            print(f"{directory.name} stopped: {reason}")
+        raise typer.Exit(INTERRUPTED)
+    if not as_json:
+        counts = last.values
+        print(f"{counts['passed']} passed, {counts['failed']} failed, {counts['not_judged']} not judged")
+        print(report_line(directory))
 
 
 def report_line(results: Path, place: str | None = None) -> str:

@@ -52,7 +52,8 @@ def scanned(run: PreparedCampaign, computing: Computing, instantiated: Instantia
         first = run.stopping.wanted({})
         configurations = [replace(configuration, runs=first) for configuration in configurations]
     wanted = {configuration.name: configuration.runs for configuration in configurations}
-    computing.tally.expect(wanted if run.search is None else run.search.expected(wanted))
+    families = {configuration.name: configuration.family for configuration in configurations}
+    computing.tally.expect(wanted if run.search is None else run.search.expected(wanted), families)
     computing.tally.begin("scanning")
     return Judged(instantiated, computing.engine.scan(configurations))
 

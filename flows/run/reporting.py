@@ -7,11 +7,11 @@ from typing import Any, Final
 from vastflow.flows.request.campaign_file import terminal_lines
 from vastflow.flows.request.run_request import SEARCH
 from vastflow.flows.results.current_report import KEY, newest_sealed, report_key, seal, written_by
-from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.results import metadata_of, write_results
 from vastflow.flows.results.summary import Results, Summary
 from vastflow.flows.results.tables import StoredResult
 from vastflow.flows.run.computing import Computing
+from vastflow.flows.run.event_log import EventLog, ended
 from vastflow.flows.run.judged import Judged
 from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.flows.search.tables import search_record, write_search
@@ -24,19 +24,27 @@ from vastflow.tasks.store.store import StoreError, store_address
 _REMOTE_READERS: Final = 16
 
 
-def reported(run: PreparedCampaign, computing: Computing, judged: Judged) -> Results:
+def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: EventLog) -> Results:
     """Write the campaign directory of judged runs, and bring it where it belongs.
+
+    Args:
+        log: Of the directory that the campaign began with.
 
     Raises:
         Lost: an artifact is damaged or gone; it is computed again where it is asked for again.
+        PoolClosed: the campaign was ended.
     """
     engine = computing.engine
+    engine.check()
     engine.rest()
+    for fault in judged.faults:
+        computing.tally.fault(fault.configuration, fault.run_index, fault.stage, fault.error)
     record, faults = _record(run), engine.faults
     if not judged.faults and not faults and _is_by_its_source(run):
         record[KEY] = _key(run, computing)
 
     def found(configuration: Configuration) -> StoredResult:
+        engine.check()
         own = judged.found[configuration.name]
         theirs = [fault for fault in faults if fault.configuration == configuration.name]
         return StoredResult(run.store, own.stored, own.configuration.runs, theirs)
@@ -50,11 +58,11 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged) -> Res
             (place / "logs" / "campaign.log").write_bytes(computing.log.read_bytes())
         write_report(place)
 
-    with new_directory(run.delivery.folder, run.name, computing.created) as directory:
+    with log.directory.writing() as place:
         if run.search is not None:
-            write_search(directory.partial, run.search)
+            write_search(place, run.search)
         written = write_results(
-            directory,
+            log.directory,
             run.campaign,
             run.inputs,
             judged.instantiated.instantiation,
@@ -74,6 +82,7 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged) -> Res
 
         computing.tally.begin("postprocessing")
         written = postprocessed(written, steps, run.campaign.path.parent)
+    ended(log, written)
     results = run.delivery.delivered(written)
     if run.delivery.address is None and not steps and not written.faults:
         seal(written.directory)

@@ -201,7 +201,7 @@ class Engine:
             for one in stored:
                 self._tally.reuse(each.name, range(one.block.start, one.block.stop))
                 if one.verdicts:
-                    self._tally.judge(each.name, judgements(one.verdicts))
+                    self._tally.judge(each.name, *said(one.verdicts))
         return scanned
 
     def begin(self, found: Iterable[FoundRuns]) -> None:
@@ -239,6 +239,8 @@ class Engine:
         """Add faults from elsewhere."""
         with self._lock:
             self._faults += faults
+        for fault in faults:
+            self._tally.fault(fault.configuration, fault.run_index, fault.stage, fault.error)
 
     def evaluate(self, producer: PackedProducer, evaluations: Sequence[Evaluation]) -> StageOutcome[dict[str, str]]:
         """Evaluate a producer where the store lacks it; return the errors by key."""
@@ -307,7 +309,7 @@ class Engine:
             self._made.update(artifact.key for artifact in answer.artifacts)
             for artifact in answer.artifacts:
                 if artifact.key.startswith("judge/"):
-                    self._tally.judge(configuration.name, judgements(artifact))
+                    self._tally.judge(configuration.name, *said(artifact))
 
     def observe(self, configurations: Sequence[ConfigurationRuns], recorded: Rows) -> StageOutcome[Rows]:
         """Observe recorded blocks; rows gain the content digest of the trace."""
@@ -356,7 +358,8 @@ class Engine:
             made.append([[*row, artifact.content] for row, artifact in found if artifact is not None])
             if stage == "judge":
                 for _, verdicts in found:
-                    self._tally.judge(configuration.name, judgements(verdicts) if verdicts is not None else {})
+                    if verdicts is not None:
+                        self._tally.judge(configuration.name, *said(verdicts))
         there = sum(job is None and key not in self._made for key, job in zip(keys, jobs, strict=True))
         return StageOutcome(made, there, len(blocks))
 
@@ -368,10 +371,9 @@ class Engine:
         ]
 
     def _fault(self, configuration: ConfigurationRuns, runs: Sequence[int], stage: WorkStage, broken: Broken) -> None:
-        with self._lock:
-            self._faults += [
-                RunFault(configuration.name, run, stage, broken.error) for run in runs if run < configuration.runs
-            ]
+        self.add_faults(
+            [RunFault(configuration.name, run, stage, broken.error) for run in runs if run < configuration.runs]
+        )
         self._tally.judge(configuration.name, dict.fromkeys(runs, "not judged"))
 
     def _submit(self, priority: Priority, function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
@@ -395,4 +397,11 @@ class Engine:
 
 def judgements(verdicts: Artifact) -> dict[int, str]:
     """Return run index to the judgement of all oracles together."""
-    return {int(run_index): str(judgement) for run_index, judgement in verdicts.info["runs"]}
+    return said(verdicts)[0]
+
+
+def said(verdicts: Artifact) -> tuple[dict[int, str], dict[int, str]]:
+    """Return run index to the judgement of all oracles together, and failed run to its cause."""
+    info = verdicts.info
+    judged = {int(run_index): str(judgement) for run_index, judgement in info["runs"]}
+    return judged, {int(run_index): str(cause) for run_index, cause in info.get("causes", ())}

@@ -4,10 +4,9 @@ import contextvars
 import functools
 import threading
 import time
-from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Final, Literal, Protocol, Self, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Literal, Protocol, Self, TypeAlias
 
 Phase: TypeAlias = Literal["scanning", "starting Prefect", "instantiating", "running", "reporting", "postprocessing"]
 
@@ -45,6 +44,36 @@ class Progress:
     at_most: bool = False
 
 
+@dataclass(slots=True)
+class FamilyProgress:
+    """The progress of one family; `runs` are at most so many while configurations may still end early."""
+
+    family: str
+    configurations: int = 0
+    runs: int = 0
+    passed: int = 0
+    failed: int = 0
+    not_judged: int = 0
+
+    def count(self, judgement: str, runs: int) -> None:
+        """Count runs of a judgement, or take some back where `runs` is negative."""
+        match judgement:
+            case "pass":
+                self.passed += runs
+            case "fail":
+                self.failed += runs
+            case _:
+                self.not_judged += runs
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A change of a tally: the name and the values of a line of `events.jsonl`, see `vastflow.oracles.results.events`."""
+
+    event: str
+    values: Mapping[str, Any]
+
+
 class Observer(Protocol):
     """A display of progress."""
 
@@ -59,36 +88,77 @@ class Tally:
         self._lock = threading.Lock()
         self._phase: Phase = "scanning"
         self._configurations: dict[str, _ConfigurationProgress] = {}
+        self._families: dict[str, FamilyProgress] = {}
         self._executed = self._reused = self._judged = 0
         self._simulated_s = 0.0
-        self._judgements: Counter[str] = Counter()
         self._configurations_done = 0
         self._notices: tuple[str, ...] = ()
+        self._changes: list[Change] | None = None
+
+    def keep_changes(self) -> None:
+        """Keep changes from now on, until `changes` takes them."""
+        with self._lock:
+            self._changes = []
+
+    def changes(self) -> list[Change]:
+        """Return the changes since the last call, in order; none unless they are kept."""
+        with self._lock:
+            if self._changes is None:
+                return []
+            found, self._changes = self._changes, []
+            return found
+
+    def families(self) -> list[FamilyProgress]:
+        """Return the current progress of each family, in the order of the campaign file."""
+        with self._lock:
+            return [replace(each) for each in self._families.values()]
 
     def notice(self, line: str) -> None:
         """Add a line for the user."""
         with self._lock:
             self._notices = (*self._notices, line)
+            self._changed("notice", text=line)
 
     def begin(self, phase: Phase) -> None:
         """Enter a phase."""
         with self._lock:
+            if phase != self._phase:
+                self._changed("stage", stage=phase)
             self._phase = phase
 
-    def expect(self, wanted: Mapping[str, int]) -> None:
-        """Set the number of runs of each configuration, before any is counted."""
+    def fault(self, configuration: str, run_index: int | None, stage: str, error: str) -> None:
+        """Tell of a fault; its runs are counted by `judge`."""
         with self._lock:
-            known = self._configurations
+            self._changed("fault", configuration=configuration, run_index=run_index, stage=stage, error=error)
+
+    def expect(self, wanted: Mapping[str, int], families: Mapping[str, str] | None = None) -> None:
+        """Set the number of runs of each configuration, before any is counted.
+
+        Args:
+            families: Configuration to its family, for those that are new.
+        """
+        with self._lock:
+            known, named = self._configurations, families or {}
             self._configurations = {
-                configuration: known.get(configuration) or _ConfigurationProgress(runs, runs)
+                configuration: known.get(configuration)
+                or _ConfigurationProgress(runs, runs, self._family(named.get(configuration, "")))
                 for configuration, runs in wanted.items()
             }
+            for family in self._families.values():
+                family.configurations = family.runs = 0
+            for of in self._configurations.values():
+                of.family.configurations += 1
+                of.family.runs += of.most
+
+    def _family(self, name: str) -> FamilyProgress:
+        return self._families.setdefault(name, FamilyProgress(name))
 
     def want(self, configuration: str, runs: int, most: int) -> None:
         """Let a configuration want `runs` by now and at most `most`; it is done with that many."""
         with self._lock:
             if (of := self._configurations.get(configuration)) is not None:
                 was_done = of.done == of.most
+                of.family.runs += most - of.most
                 of.runs, of.most = max(of.runs, runs), most
                 self._configurations_done += (of.done == most) - was_done
 
@@ -106,7 +176,8 @@ class Tally:
             if (of := self._configurations.get(configuration)) is None:
                 return
             bits = of.bits(simulated_s)
-            self._executed += (bits & ~of.executed).bit_count()
+            new = bits & ~of.executed
+            self._executed += new.bit_count()
             self._reused -= (bits & of.reused).bit_count()  # their recordings were damaged
             of.executed |= bits
             of.reused &= ~bits
@@ -114,39 +185,68 @@ class Tally:
                 if run < of.runs:
                     self._simulated_s += time_s - of.simulated_s.get(run, 0.0)
                     of.simulated_s[run] = time_s
+            if new and self._changes is not None:
+                runs = _runs(new)
+                took_s = round(sum(simulated_s[run] for run in runs), 3)
+                of_whom = {"configuration": configuration, "family": of.family.family}
+                self._changed("executed", **of_whom, runs=runs, simulated_s=took_s)
 
-    def judge(self, configuration: str, judgements: Mapping[int, str]) -> None:
-        """Count runs that are done, each with the judgement of all oracles together."""
+    def judge(
+        self, configuration: str, judgements: Mapping[int, str], reasons: Mapping[int, str] | None = None
+    ) -> None:
+        """Count runs that are done, each with the judgement of all oracles together.
+
+        Args:
+            reasons: Run to the reason of its judgement, where there is one.
+        """
         with self._lock:
             if (of := self._configurations.get(configuration)) is None:
                 return
             for judgement in dict.fromkeys(judgements.values()):
                 bits = of.bits(run for run, said in judgements.items() if said == judgement)
+                new = bits & ~of.judged.get(judgement, 0)
                 for before, theirs in of.judged.items():
                     again = bits & theirs
-                    self._judgements[before] -= again.bit_count()
+                    of.family.count(before, -again.bit_count())
                     of.judged[before] = theirs & ~again
                 of.judged[judgement] = of.judged.get(judgement, 0) | bits
-                self._judgements[judgement] += bits.bit_count()
+                of.family.count(judgement, bits.bit_count())
+                if new and self._changes is not None:
+                    self._tell(configuration, of.family.family, judgement, _runs(new), reasons or {})
             done, was_done = sum(theirs.bit_count() for theirs in of.judged.values()), of.done
             self._judged += done - was_done
             self._configurations_done += (done == of.most) - (was_done == of.most)
             of.done = done
 
+    def _tell(
+        self, configuration: str, family: str, judgement: str, runs: list[int], reasons: Mapping[int, str]
+    ) -> None:
+        alike: dict[str | None, list[int]] = {}
+        for run in runs:
+            alike.setdefault(reasons.get(run), []).append(run)
+        of = {"configuration": configuration, "family": family, "judgement": judgement}
+        for reason, theirs in alike.items():
+            self._changed("verdicts", **of, reason=reason, runs=theirs)
+
+    def _changed(self, event: str, **values: Any) -> None:
+        if self._changes is not None:
+            self._changes.append(Change(event, values))
+
     def progress(self) -> Progress:
         """Return the current progress."""
         with self._lock:
+            families = self._families.values()
             return Progress(
                 phase=self._phase,
                 configurations_done=self._configurations_done,
                 configurations_total=len(self._configurations),
                 runs_done=self._judged,
-                runs_total=sum(of.most for of in self._configurations.values()),
+                runs_total=sum(family.runs for family in families),
                 executed=self._executed,
                 reused=self._reused,
-                passed=self._judgements["pass"],
-                failed=self._judgements["fail"],
-                not_judged=self._judgements["not judged"],
+                passed=sum(family.passed for family in families),
+                failed=sum(family.failed for family in families),
+                not_judged=sum(family.not_judged for family in families),
                 simulated_s=self._simulated_s,
                 notices=self._notices,
                 at_most=any(of.most > of.runs for of in self._configurations.values()),
@@ -167,6 +267,7 @@ class _ConfigurationProgress:
 
     runs: int
     most: int
+    family: FamilyProgress
     reused: int = 0
     executed: int = 0
     simulated_s: dict[int, float] = field(default_factory=dict)
@@ -183,6 +284,10 @@ class _ConfigurationProgress:
             if run < self.runs:
                 bits |= 1 << run
         return bits
+
+
+def _runs(bits: int) -> list[int]:
+    return [run for run in range(bits.bit_length()) if bits >> run & 1]
 
 
 class Reporter:

@@ -118,7 +118,7 @@ def test_deleted_report_is_rebuilt_from_store_without_prefect(computed):
     before, after = files(first.directory), files(Path(made["results"]))
     assert before.keys() - {"logs/campaign.log"} == after.keys()
     different = {name for name in after if before[name] != after[name]}
-    assert different == {"metadata.json", "report.html", ".files.json"}
+    assert different == {"events.jsonl", "metadata.json", "report.html", ".files.json"}
     assert "prefect" not in loaded
     (Path(made["results"]) / "report.html").unlink()
     assert command(folder, "--results", folder / "other")[0]["results"] != made["results"]

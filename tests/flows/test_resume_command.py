@@ -17,8 +17,9 @@ from whole_directory import CREATED, ConfigurationResult, write_results
 from vastflow.flows import api
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.run_request import asked_of
-from vastflow.flows.results.directory import ABANDONED_S, WRITER, left_behind, new_directory, sweep, writer_of
+from vastflow.flows.results.directory import ABANDONED_S, left_behind, new_directory, sweep
 from vastflow.flows.results.inputs import replica
+from vastflow.oracles.results.unfinished import WRITER, writer_of
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
 
@@ -191,11 +192,17 @@ def test_sweep_removes_directory_that_was_left_a_day_ago(half, tmp_path):
 
 def test_sweep_keeps_directory_of_running_writer(tmp_path):
     with new_directory(tmp_path, "c", CREATED) as directory:
-        aged(directory.partial, 2 * ABANDONED_S)
-        assert writer_of(directory.partial) == os.getpid()
-        sweep(tmp_path)
-        assert left_behind(directory.final) == directory.partial
+        assert_kept(directory.running, directory)
+        with directory.writing() as place:
+            assert_kept(place, directory)
     assert [path.name for path in directory.final.iterdir()] == []
+
+
+def assert_kept(place, directory):
+    aged(place, 2 * ABANDONED_S)
+    assert writer_of(place) == os.getpid()
+    sweep(place.parent)
+    assert left_behind(directory.final) == place
 
 
 @each_row(("host", "pid"), [("", os.getpid()), ("other", os.getpid())])

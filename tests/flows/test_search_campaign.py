@@ -19,6 +19,7 @@ from vastflow.flows.request.run_request import request_of
 from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
 from vastflow.flows.run import judged as judging
 from vastflow.flows.run import prepared
+from vastflow.flows.run.event_log import logged
 from vastflow.flows.run.judged import look, scanned, through
 from vastflow.flows.run.prepared import open_run
 from vastflow.flows.run.reporting import reported
@@ -111,7 +112,7 @@ def computed(file, place, store, workers=2, calls=math.inf):
         return stage(*given).made
 
     request = request_of(file, {"results": place / "results", "store": place / store, "workers": workers})
-    with open_run(request) as (run, computing):
+    with open_run(request) as (run, computing), logged(run, computing) as log:
         engine = computing.engine
 
         def stages(_, shards):
@@ -127,7 +128,7 @@ def computed(file, place, store, workers=2, calls=math.inf):
             return judging.computed(judged, computing, stages)
 
         for _ in engine.attempts():
-            return reported(run, computing, through(run, computing, look(run, computing), completed))
+            return reported(run, computing, through(run, computing, look(run, computing), completed), log)
 
 
 def evaluated(engine, requests):

@@ -28,7 +28,8 @@ def digests(directory: Path) -> dict[str, str]:
     return {
         path.relative_to(directory).as_posix(): hashlib.sha256(_content(path)).hexdigest()
         for path in sorted(directory.rglob("*"))
-        if path.is_file() and path.relative_to(directory).parts[0] not in ("logs", ".files.json")  # times of files
+        if path.is_file()
+        and path.relative_to(directory).parts[0] not in ("events.jsonl", "logs", ".files.json")  # times
     }
 
 

@@ -64,5 +64,5 @@ def write_results(path, root, found, *, map_dir=None, as_v1=False, runs=2, tree=
         "report": lambda place: None,
     }
     created = named.setdefault("created", CREATED)
-    with new_directory(root, campaign_name(campaign), created) as directory:
+    with new_directory(root, campaign_name(campaign), created) as directory, directory.writing():
         return results.write_results(directory, campaign, inputs, **{**usual, **named})

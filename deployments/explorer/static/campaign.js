@@ -1,5 +1,5 @@
 /** The page of a campaign: one selection, and views of it that follow. */
-import { parallelChart, scatterChart, verdictKey } from "./chart.js";
+import { parallelChart, scatterChart, verdictKey, widthIn } from "./chart.js";
 import { address, element, fetched, showError } from "./dom.js";
 import { showFacets } from "./facets.js";
 import { MapView } from "./map.js";
@@ -137,14 +137,17 @@ function showReasons() {
     const rows = reasons[column].rows.map((row) => {
       const only = () => choose(column, { column, values: [row.value] });
       const button = element("button", { class: "link", click: only, title: "Select these runs" }, row.value ?? "none was found");
-      const example = element("a", { href: runAddress(row.configuration, row.run) }, "an example");
-      return element("li", {}, button, ` ${count(row.runs)} runs, ${count(row.configurations)} configurations, `, example);
+      const example = element("a", { href: runAddress(row.configuration, row.run) }, "example");
+      const cells = [button, count(row.runs), count(row.configurations), example];
+      return element("tr", {}, ...cells.map((each, k) => element("td", { class: k ? "n" : "" }, each)));
     });
     const more = reasons[column].left_out ? [element("p", { class: "muted" }, `${count(reasons[column].left_out)} more, less frequent`)] : [];
-    return rows.length ? [element("h3", {}, title), element("ul", { class: "reasons" }, ...rows), ...more] : [];
+    const heads = [title, "Runs", "Configurations", ""].map((each, k) => element("th", { class: k ? "n" : "" }, each));
+    const table = element("table", {}, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows));
+    return rows.length ? [table, ...more] : [];
   });
   const none = element("p", { class: "muted" }, "No selected run failed.");
-  $("reasons").replaceChildren(element("h2", {}, "Why runs failed"), ...(lists.length ? lists : [none]));
+  $("reasons").replaceChildren(element("h2", {}, "Why runs failed"), element("div", { class: "scroll" }, ...(lists.length ? lists : [none])));
 }
 
 const showMap = () =>
@@ -225,7 +228,7 @@ async function showScatter(place) {
     const link = element("a", { href: runAddress(configuration, runs[k]) }, `${configuration}, run ${runs[k]}`);
     line.replaceChildren(link, `: ${VERDICTS[verdicts[k]].word}`);
   };
-  const chart = scatterChart(first, second, verdicts, tell, (x, y) => {
+  const chart = scatterChart(widthIn(place), first, second, verdicts, tell, (x, y) => {
     const ends = [x, y].map((range, k) => rangeOf(header.columns[k], range)).filter(Boolean);
     select(ends.reduce((conditions, each) => changed(conditions, each.column, each), told.conditions));
   });
@@ -247,7 +250,7 @@ async function showParallel(place) {
   const { header, arrays } = await readArrays(await ask("points"));
   if (!header.columns.length) return place.replaceChildren(element("p", { class: "muted" }, "No column varies in the selection."));
   const columns = header.columns.map((each, k) => ({ ...each, values: arrays[k] }));
-  const chart = parallelChart(columns, arrays[arrays.length - 1], (k, ends) => {
+  const chart = parallelChart(widthIn(place), columns, arrays[arrays.length - 1], (k, ends) => {
     const condition = rangeOf(columns[k], ends);
     if (condition) choose(columns[k].name, condition);
   });

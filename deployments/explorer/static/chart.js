@@ -2,7 +2,6 @@
 import { drawn, element } from "./dom.js";
 import { number, VERDICTS } from "./selection.js";
 
-const WIDTH = 640;
 const HEIGHT = 320;
 const LEFT = 58;
 const RIGHT = 12;
@@ -31,16 +30,16 @@ export function rangeOf(values) {
   return low === high ? [low - 0.5, high + 0.5] : [low, high];
 }
 
-function frame(column, other) {
+function frame(width, column, other) {
   const [x, y] = [column, other].map(({ values, levels }) => {
     const [low, high] = rangeOf(values);
     const room = levels ? 0.5 : 0.03 * (high - low);
     return { low: low - room, high: high + room };
   });
   const scale = {
-    x: (value) => LEFT + ((value - x.low) / (x.high - x.low)) * (WIDTH - LEFT - RIGHT),
+    x: (value) => LEFT + ((value - x.low) / (x.high - x.low)) * (width - LEFT - RIGHT),
     y: (value) => HEIGHT - BOTTOM - ((value - y.low) / (y.high - y.low)) * (HEIGHT - TOP - BOTTOM),
-    fromX: (at) => x.low + ((at - LEFT) / (WIDTH - LEFT - RIGHT)) * (x.high - x.low),
+    fromX: (at) => x.low + ((at - LEFT) / (width - LEFT - RIGHT)) * (x.high - x.low),
     fromY: (at) => y.low + ((HEIGHT - BOTTOM - at) / (HEIGHT - TOP - BOTTOM)) * (y.high - y.low),
   };
   const lines = [];
@@ -53,11 +52,11 @@ function frame(column, other) {
   }
   for (const value of marks(other, y)) {
     const at = scale.y(value);
-    lines.push(drawn("line", { x1: LEFT, x2: WIDTH - RIGHT, y1: at, y2: at, class: "grid" }));
+    lines.push(drawn("line", { x1: LEFT, x2: width - RIGHT, y1: at, y2: at, class: "grid" }));
     lines.push(drawn("text", { x: LEFT - 6, y: at + 4, class: "end" }, shortened(named(other, value), 8)));
   }
   const middle = (HEIGHT - BOTTOM + TOP) / 2;
-  lines.push(drawn("text", { x: (WIDTH + LEFT) / 2, y: HEIGHT - 8, class: "middle title" }, column.name));
+  lines.push(drawn("text", { x: (width + LEFT) / 2, y: HEIGHT - 8, class: "middle title" }, column.name));
   lines.push(drawn("text", { transform: `translate(12 ${middle}) rotate(-90)`, class: "middle title" }, other.name));
   return { scale, lines };
 }
@@ -69,18 +68,19 @@ function shortened(text, most) {
   return shown;
 }
 
-function svgOf(label, ...children) {
-  return drawn("svg", { class: "chart", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": label }, ...children);
+function svgOf(width, label, ...children) {
+  return drawn("svg", { class: "chart", viewBox: `0 0 ${width} ${HEIGHT}`, role: "img", "aria-label": label }, ...children);
 }
 
 /** @returns {[number, number]} A pointer's place in a chart's own units. */
 function placeIn(chart, event) {
   const box = chart.getBoundingClientRect();
-  return [((event.clientX - box.left) / box.width) * WIDTH, ((event.clientY - box.top) / box.height) * HEIGHT];
+  return [((event.clientX - box.left) / box.width) * chart.viewBox.baseVal.width, ((event.clientY - box.top) / box.height) * HEIGHT];
 }
 
 /**
  * Draw points of two columns; a dragged rectangle chooses ranges of both.
+ * @param {number} width In pixels.
  * @param {{name: string, values: Float32Array, levels: string[] | null}} column
  * @param {{name: string, values: Float32Array, levels: string[] | null}} other
  * @param {Uint8Array} verdicts
@@ -88,8 +88,8 @@ function placeIn(chart, event) {
  * @param {(x: [number, number], y: [number, number]) => void} choose
  * @returns {SVGElement}
  */
-export function scatterChart(column, other, verdicts, tell, choose) {
-  const { scale, lines } = frame(column, other);
+export function scatterChart(width, column, other, verdicts, tell, choose) {
+  const { scale, lines } = frame(width, column, other);
   // Texts and whole numbers lie over each other; a fixed pattern moves them apart.
   const moved = (each, k, step) => (each.levels ? ((k * step) % 1) * 0.6 - 0.3 : 0);
   const at = Array.from(verdicts, (_, k) => {
@@ -101,7 +101,7 @@ export function scatterChart(column, other, verdicts, tell, choose) {
   });
   const dots = parts.map((part, k) => drawn("path", { d: part.join(""), class: `dots stroke-${k}` }));
   const band = drawn("rect", { class: "band", width: 0, height: 0 });
-  const chart = svgOf(`${other.name} over ${column.name}`, ...lines, ...dots, band);
+  const chart = svgOf(width, `${other.name} over ${column.name}`, ...lines, ...dots, band);
   let start = null;
   chart.addEventListener("pointerdown", (event) => {
     start = placeIn(chart, event);
@@ -134,6 +134,7 @@ export function scatterChart(column, other, verdicts, tell, choose) {
 
 /**
  * Draw lines of runs, those of one verdict in one color, failed ones on top.
+ * @param {number} width In pixels.
  * @param {string} xName
  * @param {string} yName
  * @param {Float32Array} x
@@ -143,8 +144,8 @@ export function scatterChart(column, other, verdicts, tell, choose) {
  * @param {(run: number, x: number, y: number) => void} tell
  * @returns {SVGElement}
  */
-export function lineChart(xName, yName, x, y, starts, verdicts, tell) {
-  const { scale, lines } = frame({ name: xName, values: x, levels: null }, { name: yName, values: y, levels: null });
+export function lineChart(width, xName, yName, x, y, starts, verdicts, tell) {
+  const { scale, lines } = frame(width, { name: xName, values: x, levels: null }, { name: yName, values: y, levels: null });
   const parts = [[], [], []];
   verdicts.forEach((verdict, run) => {
     let pen = "M";
@@ -155,7 +156,7 @@ export function lineChart(xName, yName, x, y, starts, verdicts, tell) {
   });
   const order = [2, 0, 1];
   const shown = order.map((k) => drawn("path", { d: parts[k].join(""), class: `line stroke-${k}` }));
-  const chart = svgOf(`${yName} over ${xName}`, ...lines, ...shown);
+  const chart = svgOf(width, `${yName} over ${xName}`, ...lines, ...shown);
   chart.addEventListener("pointermove", (event) => {
     const [px, py] = placeIn(chart, event);
     let [best, nearest] = [NEAR ** 2, -1];
@@ -170,14 +171,15 @@ export function lineChart(xName, yName, x, y, starts, verdicts, tell) {
 
 /**
  * Draw parallel coordinates; a range that is dragged on an axis is chosen.
+ * @param {number} width In pixels.
  * @param {{name: string, values: Float32Array, levels: string[] | null}[]} columns
  * @param {Uint8Array} verdicts
  * @param {(column: number, ends: [number, number]) => void} choose
  * @returns {SVGElement}
  */
-export function parallelChart(columns, verdicts, choose) {
-  const [top, bottom] = [64, HEIGHT - 26];
-  const x = (k) => 40 + (k * (WIDTH - 80)) / Math.max(columns.length - 1, 1);
+export function parallelChart(width, columns, verdicts, choose) {
+  const [top, bottom] = [84, HEIGHT - 26];
+  const x = (k) => 40 + (k * (width - 80)) / Math.max(columns.length - 1, 1);
   const ranges = columns.map(({ values }) => rangeOf(values));
   const y = (k, value) => bottom - ((value - ranges[k][0]) / (ranges[k][1] - ranges[k][0])) * (bottom - top);
   const parts = [[], [], []];
@@ -191,14 +193,14 @@ export function parallelChart(columns, verdicts, choose) {
     });
   });
   const alpha = String(Math.min(Math.max(6 / Math.sqrt(verdicts.length), 0.08), 0.7));
-  const lines = parts.map((part, k) => drawn("path", { d: part.join(""), class: `line stroke-${k}`, "stroke-opacity": alpha }));
+  const lines = [2, 0, 1].map((k) => drawn("path", { d: parts[k].join(""), class: `line stroke-${k}`, "stroke-opacity": alpha }));
   const axes = columns.map(({ name, levels }, k) => {
     const [low, high] = ranges[k];
-    const label = drawn("text", { transform: `translate(${x(k)} ${top - 16}) rotate(-20)` }, shortened(name, 22));
+    const label = drawn("text", { transform: `translate(${x(k)} ${top - 16}) rotate(-24)` }, shortened(name, 20));
     const ends = [
       [bottom + 4, levels ? levels[0] : number(low)],
       [top - 4, levels ? levels[levels.length - 1] : number(high)],
-    ].map(([at, text]) => drawn("text", { x: x(k) + 4, y: at, class: "small" }, shortened(text ?? "", 9)));
+    ].map(([at, text]) => drawn("text", { x: x(k) + 4, y: at, class: "small" }, shortened(text ?? "", 7)));
     const band = drawn("rect", { class: "band", x: x(k) - 6, width: 12, y: top, height: 0 });
     const handle = drawn("rect", { class: "handle", x: x(k) - 9, width: 18, y: top, height: bottom - top });
     let start = null;
@@ -223,8 +225,11 @@ export function parallelChart(columns, verdicts, choose) {
     const line = drawn("line", { x1: x(k), x2: x(k), y1: top, y2: bottom, class: "axis" });
     return drawn("g", {}, line, label, ...ends, band, handle);
   });
-  return svgOf(`${verdicts.length} runs over ${columns.length} columns`, ...lines, ...axes);
+  return svgOf(width, `${verdicts.length} runs over ${columns.length} columns`, ...lines, ...axes);
 }
+
+/** @returns {number} Width of a chart in a part of the page. */
+export const widthIn = (place) => Math.max(280, Math.min(place.clientWidth, 900));
 
 /** @returns {HTMLElement} Colors of the verdicts. */
 export function verdictKey() {

@@ -1,5 +1,5 @@
 /** The page of a configuration: its runs over each other, their signals and events, and its nearest neighbor. */
-import { lineChart, verdictKey } from "./chart.js";
+import { lineChart, rangeOf, verdictKey, widthIn } from "./chart.js";
 import { address, element, fetched, fetchJson, showError } from "./dom.js";
 import { MapView } from "./map.js";
 import { saveButtons } from "./save.js";
@@ -9,6 +9,7 @@ const query = new URLSearchParams(location.search);
 const [c, name] = [query.get("c"), query.get("name")];
 const state = { signal: query.get("signal"), over: query.get("over") ?? "t_s" };
 const OVER = { t_s: "time (s)", distance_m: "distance driven (m)" };
+const ROOM_M = 1;
 const $ = (id) => document.getElementById(id);
 const runAddress = (configuration, run, t = null) => address("/run", { c, configuration, run, t });
 const words = { pass: "passed", fail: "failed", "not judged": "not judged" };
@@ -19,7 +20,13 @@ function shown(place, view) {
   return view().catch((error) => showError(place, error));
 }
 
-const text = (value) => (value === null ? "–" : typeof value === "number" ? number(value) : value);
+/** A value as a text; places and lists are folded. */
+function text(value) {
+  if (value === null) return "–";
+  if (typeof value === "number") return number(value);
+  if (!/^[[{]./.test(value) || value.length < 30) return value;
+  return element("details", {}, element("summary", {}, value[0] === "[" ? "list" : "place"), value);
+}
 
 /** @returns {HTMLElement} A table in a box that scrolls by itself. */
 function tableOf(heads, rows) {
@@ -63,6 +70,15 @@ function showNeighbor({ neighbor, rate }) {
   $("neighbor").replaceChildren(title, line, tableOf(["Value", "Here", "There"], rows));
 }
 
+/** The part of a map with some points (x, y), and some room round it. */
+function extentOf(points, whole) {
+  const ends = [0, 1].flatMap((axis) => {
+    const [low, high] = rangeOf(points.filter((_, k) => k % 2 === axis));
+    return [low - ROOM_M, high + ROOM_M];
+  });
+  return ends.map((end, k) => (k % 2 ? Math.min(end, whole[k]) : Math.max(end, whole[k])));
+}
+
 const showMap = (found) =>
   shown($("map"), async () => {
     const content = await readArrays(await fetched(address("/api/configuration/paths", { c, name })));
@@ -76,6 +92,7 @@ const showMap = (found) =>
     const contacts = found.events.filter(({ kind }) => kind === "contact");
     map.marks = contacts.map((event) => ({ x: event.x_m, y: event.y_m, color: "--ink" }));
     $("map").append(verdictKey(), element("p", { class: "muted" }, `${count(header.runs)} recorded runs; ${count(contacts.length)} contacts (✕).`));
+    map.extent = extentOf(content.arrays[0], header.floor.extent);
     await map.show(content, address("/api/map.png", { c, environment: header.environment }));
   });
 
@@ -91,7 +108,7 @@ const showSignals = (found) =>
     const { arrays } = await readArrays(await fetched(place));
     const [x, y, starts, runs, verdicts] = arrays;
     const line = element("p", { class: "muted" }, "A line tells its run.");
-    const chart = lineChart(OVER[state.over], state.signal, x, y, starts, verdicts, (k, at, value) => {
+    const chart = lineChart(widthIn($("signals")) - 24, OVER[state.over], state.signal, x, y, starts, verdicts, (k, at, value) => {
       const t = state.over === "t_s" ? number(at) : null;
       const link = element("a", { href: runAddress(name, runs[k], t) }, `Run ${runs[k]}`);
       line.replaceChildren(link, `: ${VERDICTS[verdicts[k]].word}, ${number(value)} at ${number(at)}`);

@@ -2,11 +2,14 @@
 import { drawn, element } from "./dom.js";
 import { count, interval, number, percent, VERDICTS } from "./selection.js";
 
+/** What a run without a value is called. */
+const MISSING = { verdict: "not judged", run: "none", metric: "not measured", factor: "not given", path: "not known" };
 const WIDTH = 240;
 const HEIGHT = 48;
 const GROUPS = [
   ["verdict", "Verdicts"],
   ["factor", "Factors"],
+  ["path", "Drawn paths"],
   ["run", "Runs"],
   ["metric", "Metrics"],
 ];
@@ -38,7 +41,7 @@ export function showFacets(place, found, conditions, choose) {
 }
 
 function notes(found) {
-  const told = found.constant.map(({ name, value }) => element("li", {}, `${name}: ${value ?? "not measured"}`));
+  const told = found.constant.map(({ name, value }) => element("li", {}, `${name}: ${value ?? "none"}`));
   const shown = [];
   if (told.length) {
     const title = element("summary", {}, `The same in all runs (${told.length})`);
@@ -82,7 +85,7 @@ function values(facet, condition, choose) {
     const parts = [each.passed, each.failed, each.not_judged];
     const title = `${parts.map((n, k) => `${count(n)} ${VERDICTS[k].word}`).join(", ")}; ${interval(each.interval)} passed`;
     const rate = element("span", { class: "n" }, each.rate === null ? "–" : percent(each.rate));
-    const own = element("span", { class: "own" }, each.value ?? "not measured");
+    const own = element("span", { class: "own" }, each.value ?? MISSING[facet.group]);
     return element("label", { class: "value", title }, box, own, bar(parts, most), element("span", { class: "n muted" }, count(runs)), rate);
   });
   const more = facet.left_out ? [element("p", { class: "muted" }, `${count(facet.left_out)} more values, less frequent`)] : [];
@@ -96,7 +99,7 @@ function bar(parts, most) {
     at += width;
     return drawn("rect", { x: at - width, y: 0, width, height: 8, class: `fill-${k}` });
   });
-  return drawn("svg", { class: "bar", viewBox: "0 0 60 8", width: 60, height: 8, "aria-hidden": "true" }, ...shown);
+  return drawn("svg", { class: "small-bar", viewBox: "0 0 60 8", width: 60, height: 8, "aria-hidden": "true" }, ...shown);
 }
 
 function histogram(facet, condition, choose) {
@@ -144,7 +147,7 @@ function histogram(facet, condition, choose) {
   const missing = element(
     "button",
     { "data-key": `missing ${facet.name}`, click: () => choose(facet.name, { column: facet.name, values: [null] }) },
-    `not measured: ${count(facet.missing)}`,
+    `${MISSING[facet.group]}: ${count(facet.missing)}`,
   );
   const below = element("div", { class: "range" }, inputs[0], "to", inputs[1], ...(facet.missing || condition?.values ? [missing] : []));
   return element("div", { class: "facet" }, heading(facet, condition, choose), picture, below);

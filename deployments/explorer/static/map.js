@@ -43,6 +43,8 @@ export class MapView {
     this.content = null;
     this.view = null;
     this.marks = [];
+    /** Least and greatest x and y that are shown at first; null for the whole map. */
+    this.extent = null;
     this.listen();
     new ResizeObserver(() => this.draw()).observe(this.canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
@@ -147,7 +149,7 @@ export class MapView {
 
   /** Show the whole map. */
   fit() {
-    this.view = null;
+    this.view = this.extent = null;
     this.draw();
   }
 
@@ -169,7 +171,7 @@ export class MapView {
   draw() {
     const ratio = devicePixelRatio || 1;
     const width = this.canvas.clientWidth;
-    const extent = this.content?.header.floor.extent;
+    const extent = this.content && (this.extent ?? this.content.header.floor.extent);
     const high = extent ? (width * (extent[3] - extent[2])) / (extent[1] - extent[0]) : 120;
     const height = Math.round(Math.min(Math.max(high, 120), 520));
     this.canvas.style.height = `${height}px`;

@@ -37,7 +37,7 @@ export function changed(conditions, column, condition) {
  * @returns {string}
  */
 export function conditionWords({ column, values, low, high, part }) {
-  if (values) return `${column}: ${values.map((value) => value ?? "not measured").join(" or ")}`;
+  if (values) return `${column}: ${values.map((value) => value ?? "missing").join(" or ")}`;
   if (part !== undefined) return `${column} contains “${part}”`;
   if (low === null || low === undefined) return `${column} ≤ ${number(high)}`;
   if (high === null || high === undefined) return `${column} ≥ ${number(low)}`;

@@ -66,7 +66,7 @@ function rateBar({ rate, interval: ends }) {
   const band = drawn("rect", { x: 60 * ends[0], y: 2, width: 60 * (ends[1] - ends[0]), height: 6, class: "interval" });
   const mark = drawn("rect", { x: 60 * rate - 1, y: 0, width: 2, height: 10, class: "mark" });
   const ground = drawn("rect", { x: 0, y: 2, width: 60, height: 6, class: "well" });
-  return drawn("svg", { class: "bar", viewBox: "-1 0 62 10", width: 62, height: 10, "aria-hidden": "true" }, ground, band, mark);
+  return drawn("svg", { class: "small-bar", viewBox: "-1 0 62 10", width: 62, height: 10, "aria-hidden": "true" }, ground, band, mark);
 }
 
 /** What in a cell has the focus: its button or link, else itself. */

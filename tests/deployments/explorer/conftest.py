@@ -37,7 +37,7 @@ def results(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def add_campaign(results: Path, a_room: Path) -> Callable[..., Path]:
-    """Writes the campaign of a day: configurations `KEY-1` … of families, with as many of four runs lost as listed."""
+    """Writes the campaign of a day: configurations `KEY-1` … of families, with as many of four runs lost as listed; lengths of names differ."""
 
     def added(day: int, families: dict[str, list[int]], *, name: str = "office", text: str = CAMPAIGN) -> Path:
         campaign = SyntheticCampaign(results / f"{name}-2026-11-{day:02}-060000")
@@ -46,13 +46,17 @@ def add_campaign(results: Path, a_room: Path) -> Callable[..., Path]:
             for k, lost in enumerate(losses, start=1):
                 runs = [recorded(i, i < lost) for i in range(4)]
                 passed, failed = passed + 4 - lost, failed + lost
-                task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0 - 0.1 * k, "y": 2.0}}
+                goal = {"x": 5.0 - 0.1 * k, "y": 1.0 + 0.1 * len(family)}  # no two alike
+                task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": goal}
                 campaign.add(f"{family}-{k}", family, a_room, task, recordings=runs, factors={"noise": 0.1 * k})
         for row in campaign.configurations:
             row["checked_digest"] = row["scenario_digest"]
         counts = {"configurations": len(campaign.configurations), "runs": passed + failed, "rejected": 0}
         counts |= {"passed": passed, "failed": failed, "not_judged": 0}
-        campaign.metadata |= {"name": name, "created": f"2026-11-{day:02}T06:00:00", "counts": counts}
+        stages = ("instantiate", "execute", "observe", "judge")
+        source = {stage: {"files": {}, "libraries": {}} for stage in stages}
+        campaign.metadata |= {"source": dict.fromkeys(source, "1"), "numeric_class": "x", "seed": 0, "code": source}
+        campaign.metadata |= {"oracles": [], "name": name, "created": f"2026-11-{day:02}T06:00:00", "counts": counts}
         return campaign.write(text)
 
     return added

@@ -1,0 +1,117 @@
+"""The events of a campaign: the lines that its flow appends to `events.jsonl`, and a reader that follows them."""
+
+import json
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias, get_args
+
+from vastflow.oracles.results.unfinished import final_of, is_running, place_of
+
+EVENTS: Final = "events.jsonl"
+
+EventName: TypeAlias = Literal[
+    "began", "stage", "executed", "verdicts", "fault", "notice", "progress", "stopped", "ended"
+]
+EVENT_NAMES: Final = get_args(EventName)
+LAST: Final = ("stopped", "ended")
+"""Events of which one is the last of a campaign."""
+
+_POLL_S: Final = 0.5
+_LOOKS: Final = 2
+"""Looks in a row that find no process, before it counts as gone: a folder may be renamed during one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A line of `events.jsonl`; `docs/read-the-report.md` has the values of each event.
+
+    Attributes:
+        at: When it was written, with the zone of the writing host.
+        event: One of `EVENT_NAMES`, or one of a later version.
+    """
+
+    at: datetime
+    event: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def line(self) -> bytes:
+        """The line that is written."""
+        row = {"at": self.at.isoformat(timespec="milliseconds"), "event": self.event, **self.values}
+        return json.dumps(row, ensure_ascii=True, separators=(",", ":")).encode() + b"\n"
+
+
+def event_of(line: bytes) -> Event:
+    """Return the event of a line.
+
+    Raises:
+        ValueError, KeyError, TypeError, AttributeError: it is none.
+    """
+    row = json.loads(line)
+    return Event(datetime.fromisoformat(row.pop("at")), str(row.pop("event")), row)
+
+
+class EventReader:
+    """Reads the events of a campaign by and by, wherever its directory is.
+
+    Args:
+        directory: Path of the campaign directory, whole or not yet.
+
+    Attributes:
+        damaged: Number of lines that are no events.
+    """
+
+    def __init__(self, directory: str | Path) -> None:
+        self.directory = final_of(Path(directory))
+        self.damaged = 0
+        self._read = 0
+        self._half = b""
+
+    def new(self) -> list[Event]:
+        """Return the events since the last call; a half-written line comes with a later call.
+
+        Raises:
+            OSError: the file can't be read.
+        """
+        found: list[Event] = []
+        place = place_of(self.directory)
+        if place is None:
+            return found
+        try:
+            with open(place / EVENTS, "rb") as file:
+                file.seek(self._read)
+                content = file.read()
+        except FileNotFoundError:  # not begun, or renamed between two looks
+            return found
+        self._read += len(content)
+        *lines, self._half = (self._half + content).split(b"\n")
+        for line in filter(None, lines):
+            try:
+                found.append(event_of(line))
+            except (ValueError, KeyError, TypeError, AttributeError):
+                self.damaged += 1
+        return found
+
+
+def follow(directory: str | Path, poll_s: float = _POLL_S) -> Iterator[Event]:
+    """Yield the events of a campaign as they are written, until one of `LAST`.
+
+    A campaign whose process is gone ends with an event `stopped` that is not in the file; a whole directory without events has none.
+
+    Raises:
+        OSError: the file can't be read.
+    """
+    reader, looks = EventReader(directory), 0
+    while looks < _LOOKS:
+        place = place_of(reader.directory)
+        looks = 0 if place is not None and is_running(place) else looks + 1
+        for event in reader.new():  # after the look at the process, which may have written its last line since
+            yield event
+            if event.event in LAST:
+                return
+        time.sleep(poll_s)
+    if place != reader.directory:
+        yield Event(datetime.now().astimezone(), "stopped", {"reason": "its process is gone"})
