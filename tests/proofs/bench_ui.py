@@ -1,20 +1,24 @@
 """Time of each view of the explorer on a synthetic campaign, with random filters.
 
-    python tests/proofs/bench_ui.py [--configurations 5480] [--runs 20] [--requests 60] [--json] [--keep FOLDER]
+    python tests/proofs/bench_ui.py [--configurations 5480] [--runs 20] [--requests 60] [--json]
 
-The server runs in this process; times are those of whole replies, from the request to the last byte. `first_view_s` is the time from a
-new server to the campaign's page with its first summary and facets.
+Times are those of whole replies over loopback, from the request to the last byte. `first_view_s` is what the page of a campaign asks
+for first, of a server that has just started; `start_s` is its start. Memory is the server's, at its peak, with the paths of all maps.
 """
 
 import argparse
 import json
 import os
+import subprocess
+import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+import httpx
 import numpy as np
 import pandas as pd
 import psutil
@@ -169,3 +173,117 @@ def wide(names: Sequence[str], runs: int, rng: np.random.Generator) -> pd.DataFr
         "controller": levels(["dwb", "mppi", "rpp"], rng.integers(0, 3, m)[of]),
     }
     return pd.DataFrame({**columns, **given})
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[tuple[httpx.Client, psutil.Process, float]]:
+    """Serve a folder by `vastflow ui`, and yield a client that is let in, the server, and the time of its start (s)."""
+    began_s = time.perf_counter()
+    command = [sys.executable, "-m", "vastflow.flows.cli", "ui", str(folder), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
+        try:
+            assert server.stdout is not None
+            address = httpx.URL(server.stdout.readline().strip())
+            with httpx.Client(base_url=address.copy_with(query=None), timeout=60.0, follow_redirects=True) as client:
+                client.get("/", params=dict(address.params)).raise_for_status()
+                yield client, psutil.Process(server.pid), time.perf_counter() - began_s
+        finally:
+            server.terminate()
+
+
+def random_filter(facets: Sequence[Mapping[str, Any]], rng: np.random.Generator) -> str:
+    """Return the text of a filter of one to four random facets."""
+    conditions = []
+    for k in rng.choice(len(facets), rng.integers(1, 5), replace=False).tolist():
+        name, facet = facets[k]["name"], facets[k]
+        if facet["kind"] == "values":
+            known = [each["value"] for each in facet["values"] if each["value"] is not None]
+            conditions.append(f"{name}={'|'.join(rng.choice(known, max(1, len(known) // 2), replace=False).tolist())}")
+        else:
+            low, high = np.sort(rng.uniform(facet["low"], facet["high"], 2)).tolist()
+            conditions.append(f"{name}:{low}..{high}")
+    return ";".join(conditions)
+
+
+def measured(folder: Path, requests: int) -> dict[str, Any]:
+    """Return times and memory of the explorer over the campaign in a folder."""
+    rng = np.random.default_rng(11)
+    with served(folder) as (client, server, start_s):
+        page = client.get("/").text
+        c = page.split("/campaign?c=")[1].split('"')[0].split("&")[0]
+        began_s = time.perf_counter()
+        client.get("/campaign", params={"c": c}).raise_for_status()
+        first = {view: client.get(f"/api/{view}", params={"c": c}).json() for view in ("summary", "facets", "rows")}
+        first_view_s = time.perf_counter() - began_s
+        facets, maps = first["facets"]["facets"], [each["id"] for each in first["summary"]["maps"]]
+        names = [each["name"] for each in first["summary"]["columns"]]
+        for environment in maps:
+            while True:
+                reply = client.get("/api/paths", params={"c": c, "environment": environment})
+                header = json.loads(reply.content.split(b"\n")[0])
+                if header["read"] == header["configurations_here"]:
+                    break
+                time.sleep(0.05)
+        paths_s = time.perf_counter() - began_s - first_view_s
+
+        def query(view: str) -> dict[str, Any]:
+            some = rng.choice(names, 2, replace=False).tolist()
+            return {
+                "rows": {"sort": some[0], "start": 50, "order": "descending"},
+                "points": {"column": some},
+                "parallel": {},
+                "paths": {"environment": rng.choice(maps), "layer": rng.choice(["paths", "ends", "rate"])},
+            }.get(view, {})
+
+        found: dict[str, Any] = {}
+        for view in ("summary", "facets", "rows", "points", "parallel", "paths"):
+            times_ms = []
+            for _ in range(requests):
+                asked = {"c": c, "f": random_filter(facets, rng), **query(view)}
+                began_s = time.perf_counter()
+                client.get(f"/api/{'points' if view == 'parallel' else view}", params=asked).raise_for_status()
+                times_ms.append(1000.0 * (time.perf_counter() - began_s))
+            found[view] = quantiles(times_ms)
+        configurations = [row["configuration"] for row in first["rows"]["rows"]]
+        for view, more in (("", {}), ("/paths", {}), ("/signals", {"signal": "speed_mps"})):
+            times_ms = []
+            for name in configurations:
+                began_s = time.perf_counter()
+                client.get(f"/api/configuration{view}", params={"c": c, "name": name, **more}).raise_for_status()
+                times_ms.append(1000.0 * (time.perf_counter() - began_s))
+            found[f"configuration{view}"] = quantiles(times_ms)
+        status = Path(f"/proc/{server.pid}/status").read_text().splitlines()
+        peak_mb = int(next(line for line in status if line.startswith("VmHWM")).split()[1]) / 1000.0
+    return {
+        "start_s": start_s,
+        "first_view_s": first_view_s,
+        "paths_s": paths_s,
+        "peak_mb": peak_mb,
+        "slowest_p95_ms": max(each["p95_ms"] for each in found.values()),
+        "views": found,
+    }
+
+
+def quantiles(times_ms: Sequence[float]) -> dict[str, float]:
+    """Return median, 95th percentile, and worst of some times."""
+    p50, p95 = np.quantile(times_ms, (0.5, 0.95)).tolist()
+    return {"p50_ms": p50, "p95_ms": p95, "worst_ms": max(times_ms)}
+
+
+def main() -> None:
+    """Write the campaign, serve it, and print what was measured."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--configurations", type=int, default=5480)
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--requests", type=int, default=60)
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="vastflow-ui-") as temporary:
+        write_campaign(Path(temporary, "synthetic-2026-11-26-060000"), asked.configurations, asked.runs)
+        found = measured(Path(temporary), asked.requests)
+    sizes = {"configurations": asked.configurations, "runs": asked.configurations * asked.runs}
+    print(shown({**sizes, **found, "load": os.getloadavg()[0], "loop_s": loop_s()}, as_json=asked.json))
+
+
+if __name__ == "__main__":
+    main()

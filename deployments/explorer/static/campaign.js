@@ -243,6 +243,12 @@ function rangeOf({ name: column, levels }, [low, high]) {
   return values.length ? { column, values } : null;
 }
 
+/** A chart in its own width, which scrolls where the page is narrower. */
+function scrolled(chart) {
+  chart.setAttribute("width", String(chart.viewBox.baseVal.width));
+  return element("div", { class: "scroll" }, chart);
+}
+
 const sampled = ({ shown: n, total }) =>
   element("p", { class: "muted" }, n < total ? `${count(n)} of ${count(total)} runs, evenly chosen.` : `All ${count(n)} selected runs.`);
 
@@ -250,7 +256,7 @@ async function showParallel(place) {
   const { header, arrays } = await readArrays(await ask("points"));
   if (!header.columns.length) return place.replaceChildren(element("p", { class: "muted" }, "No column varies in the selection."));
   const columns = header.columns.map((each, k) => ({ ...each, values: arrays[k] }));
-  const chart = parallelChart(widthIn(place), columns, arrays[arrays.length - 1], (k, ends) => {
+  const chart = parallelChart(widthIn(place, columns.length), columns, arrays[arrays.length - 1], (k, ends) => {
     const condition = rangeOf(columns[k], ends);
     if (condition) choose(columns[k].name, condition);
   });
@@ -259,7 +265,7 @@ async function showParallel(place) {
     ...(header.left_out.length ? [`Not drawn for want of room: ${header.left_out.join(", ")}.`] : []),
     "Values below an axis were not measured. Drag along an axis to select a range.",
   ].map((text) => element("p", { class: "muted" }, text));
-  place.replaceChildren(element("div", { class: "tools" }, ...saveButtons(`${name}-parallel`, () => chart)), chart, verdictKey(), sampled(header), ...hidden);
+  place.replaceChildren(element("div", { class: "tools" }, ...saveButtons(`${name}-parallel`, () => chart)), scrolled(chart), verdictKey(), sampled(header), ...hidden);
 }
 
 async function showPython(place) {

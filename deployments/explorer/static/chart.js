@@ -228,8 +228,8 @@ export function parallelChart(width, columns, verdicts, choose) {
   return svgOf(width, `${verdicts.length} runs over ${columns.length} columns`, ...lines, ...axes);
 }
 
-/** @returns {number} Width of a chart in a part of the page. */
-export const widthIn = (place) => Math.max(280, Math.min(place.clientWidth, 900));
+/** @returns {number} Width of a chart in a part of the page, with room for some axes. */
+export const widthIn = (place, axes = 4) => Math.max(70 * axes, Math.min(place.clientWidth, 900));
 
 /** @returns {HTMLElement} Colors of the verdicts. */
 export function verdictKey() {
