@@ -52,7 +52,7 @@ def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
             k = index_of(campaign.table, name_of(request, "name"))
 
             def read() -> Response:
-                with reading(campaign.directory.path):
+                with reading(f"{campaign.directory.path}: {campaign.table.configurations[k]}"):
                     return made(request, campaign, k)
 
             return unless_known(request, campaign, read)

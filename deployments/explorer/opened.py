@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-import pyarrow.parquet as pq
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.facets import Facets
 from vastflow.deployments.explorer.selection import WIDE_FILE, RunTable, Selections, read_run_table
 from vastflow.deployments.explorer.trajectories import Trajectories
+from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 
@@ -95,8 +95,8 @@ def _opened(directory: CampaignDirectory, stamp: Stamp) -> Campaign:
         raise UnusableDirectory(f"{path.name}: expected the tables of a finished campaign, but {words}")
     with reading(path):
         table = read_run_table(path)
-        found = pq.ParquetFile(path / _CONFIGURATIONS).read(columns=["name", "environment"]).to_pydict()
-        environments = dict(zip(found["name"], found["environment"], strict=True))
+        rows = table_rows(path / _CONFIGURATIONS, "name", "environment")
+        environments = {row["name"]: row["environment"] for row in rows}
         trajectories = Trajectories(path, table, [environments.get(name) for name in table.configurations])
         selections = Selections(table)
         return Campaign(directory, stamp, table, selections, Facets(selections), trajectories)
