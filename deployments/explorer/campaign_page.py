@@ -113,8 +113,9 @@ def rows(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> R
     shown = request.query_params.getlist("column") or facets.default_columns(campaign.facets)
 
     def made() -> Response:
-        page = {"sort": sort, "descending": descending, "start": start, "count": count}
-        return json_reply(facets.rows_json(campaign.table, mask, shown, **page))
+        return json_reply(
+            facets.rows_json(campaign.table, mask, shown, sort, descending=descending, start=start, count=count)
+        )
 
     return unless_known(request, campaign, made)
 
@@ -125,7 +126,8 @@ def points(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) ->
     most = MOST_POINTS if len(asked) == 2 else MOST_LINES
 
     def made() -> Response:
-        names, constant = asked, []
+        names: list[str] = asked
+        constant: list[str] = []
         if len(asked) != 2:
             names, constant = facets.varying_of(campaign.table, mask, asked or facets.axes_of(campaign.facets, chosen))
         header, arrays = facets.points(campaign.table, mask, names[:MOST_AXES], most)
@@ -137,9 +139,10 @@ def points(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) ->
 def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
     """Return a layer of the map of the runs that were read so far."""
     environment = name_of(request, "environment")
-    shown = request.query_params.get("layer", trajectories.LAYERS[0])
-    if shown not in trajectories.LAYERS:
-        raise BadRequest(f"layer: expected one of {', '.join(trajectories.LAYERS)}, got {shown!r}")
+    asked = request.query_params.get("layer", "paths")
+    shown = next((each for each in trajectories.LAYERS if each == asked), None)
+    if shown is None:
+        raise BadRequest(f"layer: expected one of {', '.join(trajectories.LAYERS)}, got {asked!r}")
     if environment not in [each["id"] for each in campaign.maps]:
         raise BadRequest(f"environment: expected a map of this campaign, got {environment!r}")
     found = campaign.trajectories.read(environment, _WAIT_S)

@@ -91,7 +91,10 @@ def runs_and_neighbor(request: Request, campaign: Campaign, k: int) -> Response:
     passed, failed, not_judged = counts[k].tolist()
     return json_reply(
         {
-            **{"passed": passed, "failed": failed, "not_judged": not_judged, "rate": rate(passed, failed)},
+            "passed": passed,
+            "failed": failed,
+            "not_judged": not_judged,
+            "rate": rate(passed, failed),
             "family": value_of(table, "family", first),
             "values": [
                 {"name": n, "value": value_of(table, n, first)} for n, c in table.columns.items() if c.group in _GIVEN
@@ -146,7 +149,9 @@ def neighbor(table: RunTable, counts: NDArray[np.int64], k: int) -> Mapping[str,
             gaps[both] = values[candidates][both] != values[k]
         distance += gaps
     nearest = int(candidates[distance.argmin()])
-    pairs = [(c.name, value_of(table, c.name, int(first[k])), value_of(table, c.name, int(first[nearest]))) for c in given]
+    pairs = [
+        (c.name, value_of(table, c.name, int(first[k])), value_of(table, c.name, int(first[nearest]))) for c in given
+    ]
     passed, failed, _ = counts[nearest].tolist()
     return {
         "name": table.configurations[nearest],
@@ -202,7 +207,7 @@ def signals(request: Request, campaign: Campaign, k: int) -> Response:
 
 def _driven_m(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
     steps = np.hypot(np.diff(columns["x_m"]), np.diff(columns["y_m"]))
-    return np.r_[0.0, np.cumsum(steps)][: len(columns[TIME])]
+    return np.asarray(np.r_[0.0, np.cumsum(steps)][: len(columns[TIME])])
 
 
 def _recorded_rows(campaign: Campaign, k: int) -> list[dict[str, Any]]:

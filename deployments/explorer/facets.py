@@ -98,7 +98,9 @@ class Facets:
         for name, facet in self.facets.items():
             if facet.kind in ("values", "numbers"):
                 runs = whole if chosen.of(name) is None else self._chosen(chosen.without(name))
-                shown.append(self._values(facet, runs, chosen) if facet.kind == "values" else self._numbers(facet, runs))
+                shown.append(
+                    self._values(facet, runs, chosen) if facet.kind == "values" else self._numbers(facet, runs)
+                )
         constant = [(name, facet) for name, facet in self.facets.items() if facet.kind == "constant"]
         return {
             "facets": shown,
@@ -119,7 +121,10 @@ class Facets:
         ends = {"low": float(facet.edges[0]), "high": float(facet.edges[-1])}
         column = facet.column
         return {
-            **{"name": column.name, "group": column.group, "unit": column.unit, "kind": "numbers"},
+            "name": column.name,
+            "group": column.group,
+            "unit": column.unit,
+            "kind": "numbers",
             **ends,
             "counts": counts[:BINS].tolist(),
             "missing": int(counts[BINS].sum()),
@@ -143,7 +148,10 @@ class Facets:
         ]
         column = facet.column
         return {
-            **{"name": column.name, "group": column.group, "unit": column.unit, "kind": "values"},
+            "name": column.name,
+            "group": column.group,
+            "unit": column.unit,
+            "kind": "values",
             "values": shown,
             "left_out": len(facet.values) - len(order),
         }
@@ -172,20 +180,18 @@ def rate_intervals(
     The arithmetic is that of a map of failure rates, whose cells need not be places.
 
     Args:
-        cells, verdict, configuration: (R,) of each run; a cell below 0 is none.
+        cells, verdict, configuration: (R,) of each run, in the order of configurations; a cell below 0 is none.
     """
     known = (cells >= 0) & (verdict != NOT_JUDGED)
-    first = int(configuration.min(initial=0))
-    m = int(configuration.max(initial=0)) + 1 - first
+    first, last = (int(configuration[k]) if len(configuration) else 0 for k in (0, -1))
+    m = last + 1 - first
     at = cells[known] * m + (configuration[known] - first)
-    visits, failures = (
-        np.bincount(some, minlength=n * m).reshape(n, m) for some in (at, at[verdict[known] == FAIL])
-    )
+    visits, failures = (np.bincount(some, minlength=n * m).reshape(n, m) for some in (at, at[verdict[known] == FAIL]))
     squares = np.stack([(a * b).sum(axis=1) for a, b in ((failures, failures), (failures, visits), (visits, visits))])
-    sums = (visits.sum(axis=1), failures.sum(axis=1), (visits > 0).sum(axis=1))
-    found = FailureMap(FailureGrid((0.0, 0.0), 1.0, (1, n)), *(each[None] for each in sums), squares[:, None])
+    came, fell, of = (each[None] for each in (visits.sum(axis=1), failures.sum(axis=1), (visits > 0).sum(axis=1)))
+    found = FailureMap(FailureGrid((0.0, 0.0), 1.0, (1, n)), came, fell, of, squares[:, None])
     ends = 1.0 - found.intervals()[0, :, ::-1]
-    return [pair if some else None for pair, some in zip(ends.tolist(), sums[0].tolist(), strict=True)]
+    return [pair if some else None for pair, some in zip(ends.tolist(), came[0].tolist(), strict=True)]
 
 
 def summary_json(table: RunTable, mask: Bools) -> dict[str, Any]:
@@ -272,9 +278,7 @@ def _value(values: NDArray[np.float64], texts: tuple[str, ...] | None, at: int) 
     return float(f"{value:.{_DIGITS}g}") if texts is None else texts[int(value)]
 
 
-def points(
-    table: RunTable, mask: Bools, names: Sequence[str], most: int
-) -> tuple[dict[str, Any], list[NDArray[Any]]]:
+def points(table: RunTable, mask: Bools, names: Sequence[str], most: int) -> tuple[dict[str, Any], list[NDArray[Any]]]:
     """Return at most `most` selected runs, evenly chosen, in columns: a description, and arrays to follow it.
 
     The arrays are float32 (n,) of each column, texts as indices into `levels`, NaN where missing; then uint8 verdicts, and int32 index
@@ -312,7 +316,8 @@ def points(
 
 def varying_of(table: RunTable, mask: Bools, names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Part columns into those with several values among the selected runs, and those with one."""
-    several, one = [], []
+    several: list[str] = []
+    one: list[str] = []
     for name in names:
         values = table.columns[name].values[mask]
         known = values[~np.isnan(values)] if table.columns[name].levels is None else values

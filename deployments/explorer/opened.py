@@ -48,7 +48,9 @@ class Campaign:
         found = []
         for environment in np.unique(of[of != ""]).tolist():
             runs = np.flatnonzero(of == environment)
-            known = names.levels[names.values[runs[0]]] if names and names.levels and names.values[runs[0]] >= 0 else None
+            known = (
+                names.levels[names.values[runs[0]]] if names and names.levels and names.values[runs[0]] >= 0 else None
+            )
             failed = int((table.verdict[runs] == FAIL).sum())
             found.append({"id": environment, "name": known or environment[:8], "runs": len(runs), "failed": failed})
         return sorted(found, key=lambda each: -each["failed"])

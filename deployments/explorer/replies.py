@@ -48,7 +48,9 @@ def arrays_reply(header: Mapping[str, Any], arrays: Sequence[NDArray[Any]]) -> R
     """Return a line of JSON and the bytes of arrays, whose types and lengths the line has as `arrays`."""
     told = [{"type": str(each.dtype), "length": int(each.size)} for each in arrays]
     line = json.dumps({**header, "arrays": told}, allow_nan=False).encode()
-    return Response(b"\n".join([line, b"".join(np.ascontiguousarray(each).tobytes() for each in arrays)]), media_type=ARRAYS)
+    return Response(
+        b"\n".join([line, b"".join(np.ascontiguousarray(each).tobytes() for each in arrays)]), media_type=ARRAYS
+    )
 
 
 def unless_known(request: Request, campaign: Campaign, made: Callable[[], Response]) -> Response:

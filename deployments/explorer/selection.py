@@ -254,7 +254,9 @@ def mask_of(table: RunTable, condition: Condition) -> Bools:
     if isinstance(condition, Between):
         if column.levels is not None:
             raise BadFilter(f"{column.name}: expected values of a text, got a range")
-        low, high = (end if end is not None else sign for end, sign in ((condition.low, -np.inf), (condition.high, np.inf)))
+        low, high = (
+            end if end is not None else sign for end, sign in ((condition.low, -np.inf), (condition.high, np.inf))
+        )
         return np.asarray((column.values >= low) & (column.values <= high))
     if isinstance(condition, Containing):
         if column.levels is None:
@@ -267,12 +269,12 @@ def mask_of(table: RunTable, condition: Condition) -> Bools:
         numbers = np.array([float(value) for value in given])
     except ValueError:
         raise BadFilter(f"{column.name}: expected numbers, got {', '.join(sorted(given))}") from None
-    return np.isin(column.values, numbers) | (column.missing if missing else False)
+    return np.asarray(np.isin(column.values, numbers) | (column.missing if missing else False))
 
 
 def _of_levels(column: Column, chosen: Sequence[bool], *, missing: bool) -> Bools:
     """Return the runs of chosen levels; index -1, of missing values, is the last place."""
-    return np.array([*chosen, missing], dtype=np.bool_)[column.values]
+    return np.asarray(np.array([*chosen, missing], dtype=np.bool_)[column.values])
 
 
 def read_run_table(directory: Path) -> RunTable:
@@ -317,7 +319,9 @@ def _column(name: str, column: Any, oracles: Sequence[str]) -> Column:
     if pa.types.is_dictionary(column.type) or pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
         encoded = pc.dictionary_encode(pc.cast(column, pa.string())).combine_chunks()
         at = floats(encoded.indices)
-        return Column(name, group, "", np.where(np.isnan(at), -1, at).astype(np.int32), tuple(encoded.dictionary.to_pylist()))
+        return Column(
+            name, group, "", np.where(np.isnan(at), -1, at).astype(np.int32), tuple(encoded.dictionary.to_pylist())
+        )
     return Column(name, group, unit, floats(column))
 
 

@@ -20,7 +20,7 @@ from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
 Layer: TypeAlias = Literal["paths", "ends", "rate"]
-LAYERS: Final = ("paths", "ends", "rate")
+LAYERS: Final[tuple[Layer, ...]] = ("paths", "ends", "rate")
 
 STEP_M: Final = 0.2
 """Distance between the points of a path that are kept."""
@@ -90,7 +90,7 @@ def joined(parts: Sequence[Paths]) -> Paths:
         return np.concatenate([getattr(part, name) for part in parts])
 
     def offsets(name: str) -> NDArray[np.int64]:
-        return np.r_[0, np.cumsum(np.concatenate([np.diff(getattr(part, name)) for part in parts]))]
+        return np.asarray(np.r_[0, np.cumsum(np.concatenate([np.diff(getattr(part, name)) for part in parts]))])
 
     return Paths(
         stacked("row"), offsets("starts"), stacked("xy_m"), offsets("cell_starts"), stacked("cells"), stacked("ended")
@@ -114,9 +114,13 @@ class Floor:
         (rows, columns), cell_m = self.known, self.occupancy.resolution_m
         x_m, y_m = self.occupancy.origin_xy_m
         return {
-            **{"x": x_m + columns.start * cell_m, "y": y_m + rows.start * cell_m},
-            **{"width": (columns.stop - columns.start) * cell_m, "height": (rows.stop - rows.start) * cell_m},
-            **{"origin": [x_m, y_m], "yaw": self.occupancy.yaw_rad, "extent": list(self.grid.extent_m)},
+            "x": x_m + columns.start * cell_m,
+            "y": y_m + rows.start * cell_m,
+            "width": (columns.stop - columns.start) * cell_m,
+            "height": (rows.stop - rows.start) * cell_m,
+            "origin": [x_m, y_m],
+            "yaw": self.occupancy.yaw_rad,
+            "extent": list(self.grid.extent_m),
         }
 
     def png(self) -> bytes:

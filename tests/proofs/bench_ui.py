@@ -71,10 +71,16 @@ def recording(rng: np.random.Generator, run_index: int) -> Recording:
 
     columns = {
         "t_ms": fixed(np.arange(ROWS) * 0.05),
-        **{"x_mm": fixed(x_m), "y_mm": fixed(y_m), "yaw_mrad": fixed(0.0)},
-        **{"estimated_x_mm": fixed(x_m + 0.02), "estimated_y_mm": fixed(y_m), "estimated_yaw_mrad": fixed(0.0)},
-        **{"speed_mmps": fixed(0.4 + 0.1 * np.sin(9 * along)), "yaw_rate_mradps": fixed(0.0)},
-        **{"command_speed_mmps": fixed(0.4), "command_yaw_rate_mradps": fixed(0.0)},
+        "x_mm": fixed(x_m),
+        "y_mm": fixed(y_m),
+        "yaw_mrad": fixed(0.0),
+        "estimated_x_mm": fixed(x_m + 0.02),
+        "estimated_y_mm": fixed(y_m),
+        "estimated_yaw_mrad": fixed(0.0),
+        "speed_mmps": fixed(0.4 + 0.1 * np.sin(9 * along)),
+        "yaw_rate_mradps": fixed(0.0),
+        "command_speed_mmps": fixed(0.4),
+        "command_yaw_rate_mradps": fixed(0.0),
         "localized": np.ones(ROWS, dtype=np.int32),
     }
     events = (Event(9.0, "contact", float(x_m[180]), float(y_m[180]), "wall", 0.2),) if outcome == "aborted" else ()
@@ -126,7 +132,9 @@ def _write_configurations(directory: Path, n: int, digests: Sequence[str], scena
             "abstract": "builtin:navigate_to_pose",
             "timeout_s": 60.0,
             "scenario": scenarios[k % MAPS],
-            **{"factors": "{}", "provenance": "{}", "steps": "[]"},
+            "factors": "{}",
+            "provenance": "{}",
+            "steps": "[]",
         }
         for k in range(n)
     )
@@ -158,7 +166,9 @@ def wide(names: Sequence[str], runs: int, rng: np.random.Generator) -> pd.DataFr
         **{name: rng.poisson(0.4, n).astype(float) for name in ("recoveries", "missed_goals", "contacts")},
     }
     for name in ("passed", *(f"passed.{oracle}" for oracle in METRICS)):
-        columns[name] = pd.arrays.BooleanArray(~failed if name == "passed" else ~failed | (rng.random(n) < 0.5), ~judged)
+        columns[name] = pd.arrays.BooleanArray(
+            ~failed if name == "passed" else ~failed | (rng.random(n) < 0.5), ~judged
+        )
     for oracle, number in METRICS.items():
         for k in range(number):
             columns[f"{oracle}.metric{k} (m)"] = np.where(rng.random(n) < 0.05, np.nan, rng.normal(k, 1.0, n))

@@ -50,7 +50,8 @@ function remember() {
 }
 
 /** Ask for a view of the selection; a change of the selection gives up what is still asked. */
-const ask = (view, more = {}) => fetched(address(`/api/${view}`, { c, f: state.f || null, ...more }), { signal: waiting.signal });
+const ask = (view, more = {}) =>
+  fetched(address(`/api/${view}`, { c, f: state.f || null, ...more }), { signal: waiting.signal });
 
 /** Run a view; its error takes its place. */
 function shown(place, view) {
@@ -98,7 +99,8 @@ function showSummary() {
   const parts = [summary.passed, summary.failed, summary.not_judged].map((n, k) => {
     return element("span", { class: VERDICTS[k].name.replace(" ", "-") }, `${count(n)} ${VERDICTS[k].word}`);
   });
-  const rate = summary.rate === null ? "Nothing was judged" : `${percent(summary.rate)} passed (${interval(summary.interval)})`;
+  const rate =
+    summary.rate === null ? "Nothing was judged" : `${percent(summary.rate)} passed (${interval(summary.interval)})`;
   const size =
     summary.runs === summary.all_runs
       ? `all ${count(summary.runs)} runs of ${count(summary.configurations)} configurations`
@@ -106,13 +108,23 @@ function showSummary() {
   const title = "95 % interval of the rate among configurations like these";
   const chips = told.conditions.map((each) => {
     const click = () => choose(each.column, null);
-    return element("button", { class: "chip", click, "aria-label": `Remove: ${conditionWords(each)}` }, `${conditionWords(each)} ✕`);
+    return element(
+      "button",
+      { class: "chip", click, "aria-label": `Remove: ${conditionWords(each)}` },
+      `${conditionWords(each)} ✕`,
+    );
   });
   const files = ["csv", "parquet"].map((format) => {
     const to = address("/api/table", { c, f: state.f || null, format });
     return element("a", { class: "button", href: to, download: "" }, format === "csv" ? "CSV" : "Parquet");
   });
-  const line = element("p", { class: "headline" }, element("b", { title }, rate), ...parts, element("span", { class: "muted" }, size));
+  const line = element(
+    "p",
+    { class: "headline" },
+    element("b", { title }, rate),
+    ...parts,
+    element("span", { class: "muted" }, size),
+  );
   const tools = element("div", { class: "tools" }, ...chips, ...(chips.length ? [clearButton()] : []), ...files);
   $("summary").replaceChildren(line, tools);
 }
@@ -120,7 +132,9 @@ function showSummary() {
 const showRows = () =>
   shown($("table"), async () => {
     const { sort, descending, start } = state;
-    const found = await (await ask("rows", { sort, order: descending ? "descending" : null, start, count: ROWS })).json();
+    const found = await (
+      await ask("rows", { sort, order: descending ? "descending" : null, start, count: ROWS })
+    ).json();
     showTable($("table"), found, { c, sort, descending, size: ROWS }, (change) => {
       Object.assign(state, change);
       remember();
@@ -136,24 +150,41 @@ function showReasons() {
   ].flatMap(([column, title]) => {
     const rows = reasons[column].rows.map((row) => {
       const only = () => choose(column, { column, values: [row.value] });
-      const button = element("button", { class: "link", click: only, title: "Select these runs" }, row.value ?? "none was found");
+      const button = element(
+        "button",
+        { class: "link", click: only, title: "Select these runs" },
+        row.value ?? "none was found",
+      );
       const example = element("a", { href: runAddress(row.configuration, row.run) }, "example");
       const cells = [button, count(row.runs), count(row.configurations), example];
       return element("tr", {}, ...cells.map((each, k) => element("td", { class: k ? "n" : "" }, each)));
     });
-    const more = reasons[column].left_out ? [element("p", { class: "muted" }, `${count(reasons[column].left_out)} more, less frequent`)] : [];
+    const more = reasons[column].left_out
+      ? [element("p", { class: "muted" }, `${count(reasons[column].left_out)} more, less frequent`)]
+      : [];
     const heads = [title, "Runs", "Configurations", ""].map((each, k) => element("th", { class: k ? "n" : "" }, each));
-    const table = element("table", {}, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows));
+    const table = element(
+      "table",
+      {},
+      element("thead", {}, element("tr", {}, ...heads)),
+      element("tbody", {}, ...rows),
+    );
     return rows.length ? [table, ...more] : [];
   });
   const none = element("p", { class: "muted" }, "No selected run failed.");
-  $("reasons").replaceChildren(element("h2", {}, "Why runs failed"), element("div", { class: "scroll" }, ...(lists.length ? lists : [none])));
+  $("reasons").replaceChildren(
+    element("h2", {}, "Why runs failed"),
+    element("div", { class: "scroll" }, ...(lists.length ? lists : [none])),
+  );
 }
 
 const showMap = () =>
   shown($("map"), async () => {
     if (!told.maps.length) {
-      $("map").replaceChildren(element("h2", {}, "Map"), element("p", { class: "muted" }, "These scenarios have no map."));
+      $("map").replaceChildren(
+        element("h2", {}, "Map"),
+        element("p", { class: "muted" }, "These scenarios have no map."),
+      );
       return;
     }
     if (!told.maps.some(({ id }) => id === state.map)) state.map = null;
@@ -164,9 +195,16 @@ const showMap = () =>
     await map.show(content, address("/api/map.png", { c, environment }));
     const note = $("map").querySelector(".note");
     const damaged = header.damaged ? ` ${count(header.damaged)} recordings are damaged.` : "";
-    const part = header.read < header.configurations_here ? ` Read so far: ${count(header.read)} of ${count(header.configurations_here)} configurations.` : "";
-    const dense = header.form === "grid" && header.layer !== "rate" ? " Too many to draw each, so their number in each cell is shown." : "";
-    note.textContent = header.problem || `${count(header.runs ?? 0)} recorded runs on this map.${dense}${part}${damaged}`;
+    const part =
+      header.read < header.configurations_here
+        ? ` Read so far: ${count(header.read)} of ${count(header.configurations_here)} configurations.`
+        : "";
+    const dense =
+      header.form === "grid" && header.layer !== "rate"
+        ? " Too many to draw each, so their number in each cell is shown."
+        : "";
+    note.textContent =
+      header.problem || `${count(header.runs ?? 0)} recorded runs on this map.${dense}${part}${damaged}`;
     if (part && !header.problem) {
       const { signal } = waiting;
       setTimeout(() => signal.aborted || showMap(), AGAIN_MS);
@@ -180,7 +218,12 @@ function startMap(environment) {
       remember();
       showMap();
     };
-    return element("label", {}, element("input", { type: "radio", name: "layer", checked: layer === state.layer, change }), title);
+    return element(
+      "label",
+      {},
+      element("input", { type: "radio", name: "layer", checked: layer === state.layer, change }),
+      title,
+    );
   });
   const choices = told.maps.map(({ id, name: title, failed }) => {
     return element("option", { value: id, selected: id === environment }, `${title} (${count(failed)} failed)`);
@@ -206,8 +249,12 @@ function showDetails(id) {
 
 async function showScatter(place) {
   const numbers = told.columns.map((each) => each.name);
-  state.x = numbers.includes(state.x) ? state.x : (told.columns.find(({ group }) => group === "factor")?.name ?? numbers[0]);
-  state.y = numbers.includes(state.y) ? state.y : (told.columns.find(({ group }) => group === "metric")?.name ?? numbers[0]);
+  state.x = numbers.includes(state.x)
+    ? state.x
+    : (told.columns.find(({ group }) => group === "factor")?.name ?? numbers[0]);
+  state.y = numbers.includes(state.y)
+    ? state.y
+    : (told.columns.find(({ group }) => group === "metric")?.name ?? numbers[0]);
   if (!state.x || !state.y) return place.replaceChildren(element("p", { class: "muted" }, "No column varies."));
   const pick = (axis) => {
     const change = (event) => {
@@ -218,7 +265,12 @@ async function showScatter(place) {
     const options = numbers.map((each) => element("option", { selected: each === state[axis] }, each));
     return element("label", {}, `${axis} `, element("select", { change }, ...options));
   };
-  const names = new URLSearchParams([["c", c], ["f", state.f], ["column", state.x], ["column", state.y]]);
+  const names = new URLSearchParams([
+    ["c", c],
+    ["f", state.f],
+    ["column", state.x],
+    ["column", state.y],
+  ]);
   const { header, arrays } = await readArrays(await fetched(`/api/points?${names}`, { signal: waiting.signal }));
   const [first, second] = header.columns.map((each, k) => ({ ...each, values: arrays[k] }));
   const [place1, runs, verdicts] = arrays.slice(2);
@@ -233,7 +285,13 @@ async function showScatter(place) {
     select(ends.reduce((conditions, each) => changed(conditions, each.column, each), told.conditions));
   });
   const saved = saveButtons(`${name}-scatter`, () => chart);
-  place.replaceChildren(element("div", { class: "tools" }, pick("x"), pick("y"), ...saved), chart, verdictKey(), sampled(header), line);
+  place.replaceChildren(
+    element("div", { class: "tools" }, pick("x"), pick("y"), ...saved),
+    chart,
+    verdictKey(),
+    sampled(header),
+    line,
+  );
 }
 
 /** The condition of a range on an axis, texts by their places. */
@@ -250,11 +308,16 @@ function scrolled(chart) {
 }
 
 const sampled = ({ shown: n, total }) =>
-  element("p", { class: "muted" }, n < total ? `${count(n)} of ${count(total)} runs, evenly chosen.` : `All ${count(n)} selected runs.`);
+  element(
+    "p",
+    { class: "muted" },
+    n < total ? `${count(n)} of ${count(total)} runs, evenly chosen.` : `All ${count(n)} selected runs.`,
+  );
 
 async function showParallel(place) {
   const { header, arrays } = await readArrays(await ask("points"));
-  if (!header.columns.length) return place.replaceChildren(element("p", { class: "muted" }, "No column varies in the selection."));
+  if (!header.columns.length)
+    return place.replaceChildren(element("p", { class: "muted" }, "No column varies in the selection."));
   const columns = header.columns.map((each, k) => ({ ...each, values: arrays[k] }));
   const chart = parallelChart(widthIn(place, columns.length), columns, arrays[arrays.length - 1], (k, ends) => {
     const condition = rangeOf(columns[k], ends);
@@ -265,7 +328,13 @@ async function showParallel(place) {
     ...(header.left_out.length ? [`Not drawn for want of room: ${header.left_out.join(", ")}.`] : []),
     "Values below an axis were not measured. Drag along an axis to select a range.",
   ].map((text) => element("p", { class: "muted" }, text));
-  place.replaceChildren(element("div", { class: "tools" }, ...saveButtons(`${name}-parallel`, () => chart)), scrolled(chart), verdictKey(), sampled(header), ...hidden);
+  place.replaceChildren(
+    element("div", { class: "tools" }, ...saveButtons(`${name}-parallel`, () => chart)),
+    scrolled(chart),
+    verdictKey(),
+    sampled(header),
+    ...hidden,
+  );
 }
 
 async function showPython(place) {

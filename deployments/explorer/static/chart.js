@@ -15,7 +15,8 @@ export function ticksOf(low, high, most = 6) {
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * [1, 2, 5, 10].find((each) => each * power >= rough);
   const ticks = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + step * 1e-9; k++) ticks.push(Number((k * step).toPrecision(12)));
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + step * 1e-9; k++)
+    ticks.push(Number((k * step).toPrecision(12)));
   return ticks;
 }
 
@@ -44,7 +45,8 @@ function frame(width, column, other) {
   };
   const lines = [];
   const named = ({ levels }, value) => (levels ? levels[value] : number(value));
-  const marks = (each, range) => (each.levels ? each.levels.map((_, k) => k).slice(0, 40) : ticksOf(range.low, range.high));
+  const marks = (each, range) =>
+    each.levels ? each.levels.map((_, k) => k).slice(0, 40) : ticksOf(range.low, range.high);
   for (const value of marks(column, x)) {
     const at = scale.x(value);
     lines.push(drawn("line", { x1: at, x2: at, y1: TOP, y2: HEIGHT - BOTTOM, class: "grid" }));
@@ -69,13 +71,20 @@ function shortened(text, most) {
 }
 
 function svgOf(width, label, ...children) {
-  return drawn("svg", { class: "chart", viewBox: `0 0 ${width} ${HEIGHT}`, role: "img", "aria-label": label }, ...children);
+  return drawn(
+    "svg",
+    { class: "chart", viewBox: `0 0 ${width} ${HEIGHT}`, role: "img", "aria-label": label },
+    ...children,
+  );
 }
 
 /** @returns {[number, number]} A pointer's place in a chart's own units. */
 function placeIn(chart, event) {
   const box = chart.getBoundingClientRect();
-  return [((event.clientX - box.left) / box.width) * chart.viewBox.baseVal.width, ((event.clientY - box.top) / box.height) * HEIGHT];
+  return [
+    ((event.clientX - box.left) / box.width) * chart.viewBox.baseVal.width,
+    ((event.clientY - box.top) / box.height) * HEIGHT,
+  ];
 }
 
 /**
@@ -118,7 +127,12 @@ export function scatterChart(width, column, other, verdicts, tell, choose) {
       if (nearest >= 0) tell(nearest);
       return;
     }
-    const box = { x: Math.min(x, start[0]), y: Math.min(y, start[1]), width: Math.abs(x - start[0]), height: Math.abs(y - start[1]) };
+    const box = {
+      x: Math.min(x, start[0]),
+      y: Math.min(y, start[1]),
+      width: Math.abs(x - start[0]),
+      height: Math.abs(y - start[1]),
+    };
     for (const [key, value] of Object.entries(box)) band.setAttribute(key, String(value));
   });
   chart.addEventListener("pointerup", (event) => {
@@ -145,7 +159,11 @@ export function scatterChart(width, column, other, verdicts, tell, choose) {
  * @returns {SVGElement}
  */
 export function lineChart(width, xName, yName, x, y, starts, verdicts, tell) {
-  const { scale, lines } = frame(width, { name: xName, values: x, levels: null }, { name: yName, values: y, levels: null });
+  const { scale, lines } = frame(
+    width,
+    { name: xName, values: x, levels: null },
+    { name: yName, values: y, levels: null },
+  );
   const parts = [[], [], []];
   verdicts.forEach((verdict, run) => {
     let pen = "M";
@@ -164,7 +182,12 @@ export function lineChart(width, xName, yName, x, y, starts, verdicts, tell) {
       const distance = (scale.x(x[k]) - px) ** 2 + (scale.y(y[k]) - py) ** 2;
       if (distance < best) [best, nearest] = [distance, k];
     }
-    if (nearest >= 0) tell(starts.findLastIndex((start) => start <= nearest), x[nearest], y[nearest]);
+    if (nearest >= 0)
+      tell(
+        starts.findLastIndex((start) => start <= nearest),
+        x[nearest],
+        y[nearest],
+      );
   });
   return chart;
 }
@@ -193,7 +216,9 @@ export function parallelChart(width, columns, verdicts, choose) {
     });
   });
   const alpha = String(Math.min(Math.max(6 / Math.sqrt(verdicts.length), 0.08), 0.7));
-  const lines = [2, 0, 1].map((k) => drawn("path", { d: parts[k].join(""), class: `line stroke-${k}`, "stroke-opacity": alpha }));
+  const lines = [2, 0, 1].map((k) =>
+    drawn("path", { d: parts[k].join(""), class: `line stroke-${k}`, "stroke-opacity": alpha }),
+  );
   const axes = columns.map(({ name, levels }, k) => {
     const [low, high] = ranges[k];
     const label = drawn("text", { transform: `translate(${x(k)} ${top - 16}) rotate(-24)` }, shortened(name, 20));
@@ -234,7 +259,11 @@ export const widthIn = (place, axes = 4) => Math.max(70 * axes, Math.min(place.c
 /** @returns {HTMLElement} Colors of the verdicts. */
 export function verdictKey() {
   const parts = VERDICTS.map(({ word }, k) => {
-    const swatch = drawn("svg", { viewBox: "0 0 10 10", width: 10, height: 10 }, drawn("rect", { width: 10, height: 10, class: `fill-${k}` }));
+    const swatch = drawn(
+      "svg",
+      { viewBox: "0 0 10 10", width: 10, height: 10 },
+      drawn("rect", { width: 10, height: 10, class: `fill-${k}` }),
+    );
     return element("span", {}, swatch, ` ${word}`);
   });
   return element("p", { class: "key muted" }, ...parts);

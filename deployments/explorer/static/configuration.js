@@ -14,7 +14,12 @@ const $ = (id) => document.getElementById(id);
 const runAddress = (configuration, run, t = null) => address("/run", { c, configuration, run, t });
 const words = { pass: "passed", fail: "failed", "not judged": "not judged" };
 
-const remember = () => history.replaceState(null, "", address("/configuration", { c, name, signal: state.signal, over: state.over === "t_s" ? null : state.over }));
+const remember = () =>
+  history.replaceState(
+    null,
+    "",
+    address("/configuration", { c, name, signal: state.signal, over: state.over === "t_s" ? null : state.over }),
+  );
 
 function shown(place, view) {
   return view().catch((error) => showError(place, error));
@@ -31,7 +36,9 @@ function text(value) {
 /** @returns {HTMLElement} A table in a box that scrolls by itself. */
 function tableOf(heads, rows) {
   const head = element("thead", {}, element("tr", {}, ...heads.map((each) => element("th", { scope: "col" }, each))));
-  const body = rows.map((row) => element("tr", {}, ...row.map((each) => element("td", {}, each instanceof Node ? each : text(each)))));
+  const body = rows.map((row) =>
+    element("tr", {}, ...row.map((each) => element("td", {}, each instanceof Node ? each : text(each)))),
+  );
   return element("div", { class: "scroll" }, element("table", {}, head, element("tbody", {}, ...body)));
 }
 
@@ -47,7 +54,11 @@ function showRuns(found) {
 
 function showEvents(found) {
   const rows = found.events.map((event) => {
-    const link = element("a", { href: runAddress(name, event.run, event.t_s) }, `Run ${event.run}, ${number(event.t_s)} s`);
+    const link = element(
+      "a",
+      { href: runAddress(name, event.run, event.t_s) },
+      `Run ${event.run}, ${number(event.t_s)} s`,
+    );
     return [link, event.kind.replaceAll("_", " "), event.what];
   });
   const none = element("p", { class: "muted" }, "No event was recorded.");
@@ -60,12 +71,20 @@ function showNeighbor({ neighbor, rate }) {
   const passes = neighbor ? neighbor.passes : rate !== 1;
   const title = element("h2", {}, `Nearest configuration that ${passes ? "passes" : "fails"}`);
   if (!neighbor) {
-    $("neighbor").replaceChildren(title, element("p", { class: "muted" }, `No other configuration ${passes ? "passes" : "fails"} more often.`));
+    $("neighbor").replaceChildren(
+      title,
+      element("p", { class: "muted" }, `No other configuration ${passes ? "passes" : "fails"} more often.`),
+    );
     return;
   }
   const link = element("a", { href: address("/configuration", { c, name: neighbor.name }) }, neighbor.name);
   const judged = neighbor.passed + neighbor.failed;
-  const line = element("p", {}, link, `: ${count(neighbor.passed)} of ${count(judged)} judged runs passed. ${neighbor.differences.length} values differ, ${neighbor.equal} are equal.`);
+  const line = element(
+    "p",
+    {},
+    link,
+    `: ${count(neighbor.passed)} of ${count(judged)} judged runs passed. ${neighbor.differences.length} values differ, ${neighbor.equal} are equal.`,
+  );
   const rows = neighbor.differences.map((each) => [each.name, each.own, each.other]);
   $("neighbor").replaceChildren(title, line, tableOf(["Value", "Here", "There"], rows));
 }
@@ -91,7 +110,10 @@ const showMap = (found) =>
     const map = new MapView($("map"), `${name}-map`, runAddress);
     const contacts = found.events.filter(({ kind }) => kind === "contact");
     map.marks = contacts.map((event) => ({ x: event.x_m, y: event.y_m, color: "--ink" }));
-    $("map").append(verdictKey(), element("p", { class: "muted" }, `${count(header.runs)} recorded runs; ${count(contacts.length)} contacts (✕).`));
+    $("map").append(
+      verdictKey(),
+      element("p", { class: "muted" }, `${count(header.runs)} recorded runs; ${count(contacts.length)} contacts (✕).`),
+    );
     map.extent = extentOf(content.arrays[0], header.floor.extent);
     await map.show(content, address("/api/map.png", { c, environment: header.environment }));
   });
@@ -108,35 +130,66 @@ const showSignals = (found) =>
     const { arrays } = await readArrays(await fetched(place));
     const [x, y, starts, runs, verdicts] = arrays;
     const line = element("p", { class: "muted" }, "A line tells its run.");
-    const chart = lineChart(widthIn($("signals")) - 24, OVER[state.over], state.signal, x, y, starts, verdicts, (k, at, value) => {
-      const t = state.over === "t_s" ? number(at) : null;
-      const link = element("a", { href: runAddress(name, runs[k], t) }, `Run ${runs[k]}`);
-      line.replaceChildren(link, `: ${VERDICTS[verdicts[k]].word}, ${number(value)} at ${number(at)}`);
-    });
+    const chart = lineChart(
+      widthIn($("signals")) - 24,
+      OVER[state.over],
+      state.signal,
+      x,
+      y,
+      starts,
+      verdicts,
+      (k, at, value) => {
+        const t = state.over === "t_s" ? number(at) : null;
+        const link = element("a", { href: runAddress(name, runs[k], t) }, `Run ${runs[k]}`);
+        line.replaceChildren(link, `: ${VERDICTS[verdicts[k]].word}, ${number(value)} at ${number(at)}`);
+      },
+    );
     const pick = (key, options) => {
       const change = (event) => {
         state[key] = event.target.value;
         remember();
         showSignals(found);
       };
-      return element("select", { change, "aria-label": key }, ...options.map(([value, words]) => element("option", { value, selected: value === state[key] }, words)));
+      return element(
+        "select",
+        { change, "aria-label": key },
+        ...options.map(([value, words]) => element("option", { value, selected: value === state[key] }, words)),
+      );
     };
     const signals = found.signals.map((each) => [each, each]);
-    const tools = [pick("signal", signals), " over ", pick("over", Object.entries(OVER)), ...saveButtons(`${name}-${state.signal}`, () => chart)];
+    const tools = [
+      pick("signal", signals),
+      " over ",
+      pick("over", Object.entries(OVER)),
+      ...saveButtons(`${name}-${state.signal}`, () => chart),
+    ];
     const focus = document.activeElement?.getAttribute("aria-label");
     $("signals").replaceChildren(title, element("div", { class: "tools" }, ...tools), chart, verdictKey(), line);
-    if (focus) /** @type {HTMLElement | null} */ ($("signals").querySelector(`select[aria-label="${CSS.escape(focus)}"]`))?.focus();
+    if (focus)
+      /** @type {HTMLElement | null} */ (
+        $("signals").querySelector(`select[aria-label="${CSS.escape(focus)}"]`)
+      )?.focus();
   });
 
 async function start() {
   try {
     const found = await fetchJson(address("/api/configuration", { c, name }));
     const judged = found.passed + found.failed;
-    const rate = judged ? `${percent(found.rate)} passed (${count(found.passed)} of ${count(judged)} judged runs)` : "Nothing was judged";
+    const rate = judged
+      ? `${percent(found.rate)} passed (${count(found.passed)} of ${count(judged)} judged runs)`
+      : "Nothing was judged";
     const f = `configuration=${encodeURIComponent(name).replace(/[!*]/g, (sign) => (sign === "!" ? "%21" : "%2A"))}`;
     const all = element("a", { href: address("/campaign", { c, f }) }, "select it in the campaign");
     const others = found.not_judged ? `, ${count(found.not_judged)} not judged` : "";
-    $("summary").replaceChildren(element("p", { class: "headline" }, element("b", {}, rate + others), element("span", { class: "muted" }, `family ${found.family}`), all));
+    $("summary").replaceChildren(
+      element(
+        "p",
+        { class: "headline" },
+        element("b", {}, rate + others),
+        element("span", { class: "muted" }, `family ${found.family}`),
+        all,
+      ),
+    );
     showRuns(found);
     showEvents(found);
     showNeighbor(found);

@@ -30,7 +30,12 @@ export function showFacets(place, found, conditions, choose) {
     const own = found.facets.filter((facet) => facet.group === group);
     const shown = own.map((facet) => (facet.kind === "values" ? values : histogram)(facet, of.get(facet.name), choose));
     const open = first ? group !== "metric" || own.some((facet) => of.has(facet.name)) : !closed.has(group);
-    return element("details", { "data-group": group, open }, element("summary", {}, `${title} (${own.length})`), ...shown);
+    return element(
+      "details",
+      { "data-group": group, open },
+      element("summary", {}, `${title} (${own.length})`),
+      ...shown,
+    );
   });
   const search = searchOf(of.get("configuration"), choose);
   place.replaceChildren(search, ...groups.filter((group) => group.childElementCount > 1), ...notes(found));
@@ -47,7 +52,8 @@ function notes(found) {
     const title = element("summary", {}, `The same in all runs (${told.length})`);
     shown.push(element("details", { "data-group": "constant" }, title, element("ul", {}, ...told)));
   }
-  if (found.places.length) shown.push(element("p", { class: "muted" }, `Places and lists, not shown: ${found.places.join(", ")}.`));
+  if (found.places.length)
+    shown.push(element("p", { class: "muted" }, `Places and lists, not shown: ${found.places.join(", ")}.`));
   return shown;
 }
 
@@ -63,7 +69,11 @@ function searchOf(condition, choose) {
 }
 
 function heading(facet, condition, choose) {
-  const clear = element("button", { "data-key": `clear ${facet.name}`, click: () => choose(facet.name, null) }, "clear");
+  const clear = element(
+    "button",
+    { "data-key": `clear ${facet.name}`, click: () => choose(facet.name, null) },
+    "clear",
+  );
   return element("div", { class: "heading" }, element("h3", {}, facet.name), ...(condition ? [clear] : []));
 }
 
@@ -86,9 +96,19 @@ function values(facet, condition, choose) {
     const title = `${parts.map((n, k) => `${count(n)} ${VERDICTS[k].word}`).join(", ")}; ${interval(each.interval)} passed`;
     const rate = element("span", { class: "n" }, each.rate === null ? "–" : percent(each.rate));
     const own = element("span", { class: "own" }, each.value ?? MISSING[facet.group]);
-    return element("label", { class: "value", title }, box, own, bar(parts, most), element("span", { class: "n muted" }, count(runs)), rate);
+    return element(
+      "label",
+      { class: "value", title },
+      box,
+      own,
+      bar(parts, most),
+      element("span", { class: "n muted" }, count(runs)),
+      rate,
+    );
   });
-  const more = facet.left_out ? [element("p", { class: "muted" }, `${count(facet.left_out)} more values, less frequent`)] : [];
+  const more = facet.left_out
+    ? [element("p", { class: "muted" }, `${count(facet.left_out)} more values, less frequent`)]
+    : [];
   return element("div", { class: "facet" }, heading(facet, condition, choose), ...rows, ...more);
 }
 
@@ -99,7 +119,11 @@ function bar(parts, most) {
     at += width;
     return drawn("rect", { x: at - width, y: 0, width, height: 8, class: `fill-${k}` });
   });
-  return drawn("svg", { class: "small-bar", viewBox: "0 0 60 8", width: 60, height: 8, "aria-hidden": "true" }, ...shown);
+  return drawn(
+    "svg",
+    { class: "small-bar", viewBox: "0 0 60 8", width: 60, height: 8, "aria-hidden": "true" },
+    ...shown,
+  );
 }
 
 function histogram(facet, condition, choose) {
@@ -117,9 +141,20 @@ function histogram(facet, condition, choose) {
   const at = (value) => (WIDTH * (Math.min(Math.max(value, low), high) - low)) / (high - low);
   const from = condition ? at(condition.low ?? low) : 0;
   const to = condition ? at(condition.high ?? high) : 0;
-  const band = drawn("rect", { class: "band", x: from, y: 0, width: Math.max(to - from, condition ? 1 : 0), height: HEIGHT });
+  const band = drawn("rect", {
+    class: "band",
+    x: from,
+    y: 0,
+    width: Math.max(to - from, condition ? 1 : 0),
+    height: HEIGHT,
+  });
   const words = `${facet.name}: ${number(low)} to ${number(high)} ${facet.unit}`;
-  const picture = drawn("svg", { class: "histogram", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": words }, ...bars, band);
+  const picture = drawn(
+    "svg",
+    { class: "histogram", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": words },
+    ...bars,
+    band,
+  );
   brush(picture, band, (a, b) => {
     const ends = [a, b].map((share) => low + share * (high - low));
     if (b - a < 0.005) {
@@ -149,7 +184,14 @@ function histogram(facet, condition, choose) {
     { "data-key": `missing ${facet.name}`, click: () => choose(facet.name, { column: facet.name, values: [null] }) },
     `${MISSING[facet.group]}: ${count(facet.missing)}`,
   );
-  const below = element("div", { class: "range" }, inputs[0], "to", inputs[1], ...(facet.missing || condition?.values ? [missing] : []));
+  const below = element(
+    "div",
+    { class: "range" },
+    inputs[0],
+    "to",
+    inputs[1],
+    ...(facet.missing || condition?.values ? [missing] : []),
+  );
   return element("div", { class: "facet" }, heading(facet, condition, choose), picture, below);
 }
 

@@ -111,7 +111,10 @@ export class MapView {
     this.content = content;
     this.cells = header.form === "grid" ? this.cellsOf(content) : null;
     if (!this.cells) this.legend.replaceChildren();
-    this.canvas.setAttribute("aria-label", `Map with ${header.runs ?? 0} runs; arrows move it, plus and minus zoom, 0 shows all`);
+    this.canvas.setAttribute(
+      "aria-label",
+      `Map with ${header.runs ?? 0} runs; arrows move it, plus and minus zoom, 0 shows all`,
+    );
     this.draw();
   }
 
@@ -189,7 +192,7 @@ export class MapView {
 
   /** Paint floor, runs or cells, and marks, in canvas pixels. */
   paint(context) {
-    const { header, arrays } = this.content;
+    const { header } = this.content;
     const { scale, x, y } = this.view;
     const { floor, grid } = header;
     const colors = getComputedStyle(this.canvas);
@@ -198,7 +201,8 @@ export class MapView {
     context.rotate(-floor.yaw);
     context.imageSmoothingEnabled = false;
     const [left, top] = [scale * (floor.x - floor.origin[0]), -scale * (floor.y - floor.origin[1] + floor.height)];
-    if (this.picture.naturalWidth) context.drawImage(this.picture, left, top, scale * floor.width, scale * floor.height);
+    if (this.picture.naturalWidth)
+      context.drawImage(this.picture, left, top, scale * floor.width, scale * floor.height);
     context.restore();
     context.imageSmoothingEnabled = false;
     if (this.cells) {
@@ -229,7 +233,8 @@ export class MapView {
     const { scale, x, y } = this.view;
     const parts = [[], [], []];
     const verdicts = arrays[arrays.length - 1];
-    const place = (k) => `${(x + scale * arrays[0][2 * k]).toFixed(1)} ${(y - scale * arrays[0][2 * k + 1]).toFixed(1)}`;
+    const place = (k) =>
+      `${(x + scale * arrays[0][2 * k]).toFixed(1)} ${(y - scale * arrays[0][2 * k + 1]).toFixed(1)}`;
     for (let run = 0; run < verdicts.length; run++) {
       if (header.layer === "ends") {
         parts[verdicts[run]].push(`M${place(run)}h0`);
@@ -290,7 +295,14 @@ export class MapView {
     const wide = header.layer === "ends" ? 5 : 1.2;
     const shown = lines.map((d, k) => {
       const stroke = colors.getPropertyValue(VERDICTS[k].color);
-      return drawn("path", { d, stroke, fill: "none", "stroke-width": wide, "stroke-opacity": 0.6, "stroke-linecap": "round" });
+      return drawn("path", {
+        d,
+        stroke,
+        fill: "none",
+        "stroke-width": wide,
+        "stroke-opacity": 0.6,
+        "stroke-linecap": "round",
+      });
     });
     return drawn("svg", { viewBox: `0 0 ${width} ${height}`, width, height }, picture, ...shown);
   }

@@ -1,7 +1,17 @@
 /** Figures as files: SVG with its colors in it, and PNG of twice the size. */
 import { element } from "./dom.js";
 
-const KEPT = ["fill", "stroke", "stroke-width", "stroke-opacity", "fill-opacity", "stroke-linecap", "font-size", "font-family", "text-anchor"];
+const KEPT = [
+  "fill",
+  "stroke",
+  "stroke-width",
+  "stroke-opacity",
+  "fill-opacity",
+  "stroke-linecap",
+  "font-size",
+  "font-family",
+  "text-anchor",
+];
 
 /**
  * Make the two buttons that save a figure.
@@ -37,7 +47,8 @@ function alone(figure) {
   copy.setAttribute("height", String(box[3]));
   const ground = document.createElementNS("http://www.w3.org/2000/svg", "rect");
   const panel = getComputedStyle(document.documentElement).getPropertyValue("--panel").trim();
-  for (const [key, value] of Object.entries({ width: "100%", height: "100%", fill: panel })) ground.setAttribute(key, value);
+  for (const [key, value] of Object.entries({ width: "100%", height: "100%", fill: panel }))
+    ground.setAttribute(key, value);
   copy.prepend(ground);
   return copy;
 }

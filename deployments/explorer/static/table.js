@@ -30,19 +30,44 @@ export function showTable(place, found, { c, sort, descending, size }, turn) {
   });
   const rows = found.rows.map((row) => {
     const runs = row.passed + row.failed + row.not_judged;
-    const link = element("a", { href: address("/configuration", { c, name: row.configuration }), tabindex: -1 }, row.configuration);
+    const link = element(
+      "a",
+      { href: address("/configuration", { c, name: row.configuration }), tabindex: -1 },
+      row.configuration,
+    );
     const values = row.values.map((value, k) => {
       if (value === null) return cell("n muted", "–", "not measured");
       return cell(found.columns[k].text ? "" : "n", typeof value === "number" ? number(value) : value);
     });
-    const rate = element("td", { class: "n rate", tabindex: -1, title: interval(row.interval) }, rateBar(row), percent(row.rate));
+    const rate = element(
+      "td",
+      { class: "n rate", tabindex: -1, title: interval(row.interval) },
+      rateBar(row),
+      percent(row.rate),
+    );
     const name = element("td", { class: "name", tabindex: -1 }, link);
-    return element("tr", {}, name, rate, cell("n", count(runs)), cell("n", count(row.failed)), cell("n", count(row.not_judged)), ...values);
+    return element(
+      "tr",
+      {},
+      name,
+      rate,
+      cell("n", count(runs)),
+      cell("n", count(row.failed)),
+      cell("n", count(row.not_judged)),
+      ...values,
+    );
   });
   const body = element("tbody", {}, ...rows);
-  const table = element("table", { "aria-label": "Configurations", keydown: move }, element("thead", {}, element("tr", {}, ...heads)), body);
+  const table = element(
+    "table",
+    { "aria-label": "Configurations", keydown: move },
+    element("thead", {}, element("tr", {}, ...heads)),
+    body,
+  );
   const last = Math.min(found.start + size, found.total);
-  const range = found.total ? `${count(found.start + 1)}–${count(last)} of ${count(found.total)} configurations` : "No configuration is selected.";
+  const range = found.total
+    ? `${count(found.start + 1)}–${count(last)} of ${count(found.total)} configurations`
+    : "No configuration is selected.";
   const page = (title, start, disabled) => element("button", { disabled, click: () => turn({ start }) }, title);
   const pages = element(
     "div",
@@ -66,7 +91,13 @@ function rateBar({ rate, interval: ends }) {
   const band = drawn("rect", { x: 60 * ends[0], y: 2, width: 60 * (ends[1] - ends[0]), height: 6, class: "interval" });
   const mark = drawn("rect", { x: 60 * rate - 1, y: 0, width: 2, height: 10, class: "mark" });
   const ground = drawn("rect", { x: 0, y: 2, width: 60, height: 6, class: "well" });
-  return drawn("svg", { class: "small-bar", viewBox: "-1 0 62 10", width: 62, height: 10, "aria-hidden": "true" }, ground, band, mark);
+  return drawn(
+    "svg",
+    { class: "small-bar", viewBox: "-1 0 62 10", width: 62, height: 10, "aria-hidden": "true" },
+    ground,
+    band,
+    mark,
+  );
 }
 
 /** What in a cell has the focus: its button or link, else itself. */
@@ -90,8 +121,18 @@ function move(event) {
   const table = event.currentTarget;
   const [row, column] = cellOf(table, event.target);
   const cells = cellsOf(table);
-  const ends = { Home: [row, 0], End: [row, cells[row].length - 1], PageUp: [1, column], PageDown: [cells.length - 1, column] };
-  const steps = { ArrowUp: [row - 1, column], ArrowDown: [row + 1, column], ArrowLeft: [row, column - 1], ArrowRight: [row, column + 1] };
+  const ends = {
+    Home: [row, 0],
+    End: [row, cells[row].length - 1],
+    PageUp: [1, column],
+    PageDown: [cells.length - 1, column],
+  };
+  const steps = {
+    ArrowUp: [row - 1, column],
+    ArrowDown: [row + 1, column],
+    ArrowLeft: [row, column - 1],
+    ArrowRight: [row, column + 1],
+  };
   const to = { ...ends, ...steps }[event.key];
   if (!to || event.ctrlKey || event.metaKey || event.altKey) return;
   event.preventDefault();

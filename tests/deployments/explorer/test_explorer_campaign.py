@@ -50,12 +50,11 @@ def test_campaign_page_names_the_campaign(client, campaign):
 
 
 def test_summary_counts_selection_and_gives_canonical_filter(client, campaign):
-    c, directory = campaign
-    found = client.get("/api/summary", params={"c": c, "f": "passed=fail;family=hard"}).json()
+    found = client.get("/api/summary", params={"c": campaign[0], "f": "passed=fail;family=hard"}).json()
     assert found["filter"] == "family=hard;passed=fail"
     assert (found["summary"]["runs"], found["summary"]["failed"], found["summary"]["all_runs"]) == (6, 6, 20)
     names = {}
-    exec(found["python"], names)
+    exec(found["python"], names)  # noqa: S102
     assert len(names["selection"]) == 6
     assert found["maps"][0]["runs"] == 20
 
@@ -66,7 +65,7 @@ def test_campaign_without_joined_table_is_joined_from_the_others(client, campaig
     found = client.get("/api/summary", params={"c": c, "f": "family=hard"}).json()
     assert found["summary"]["failed"] == 6
     names = {}
-    exec(found["python"], names)
+    exec(found["python"], names)  # noqa: S102
     assert len(names["selection"]) == 8
     assert len(client.get("/api/table", params={"c": c, "f": "passed=fail"}).text.splitlines()) == 1 + 7
 
@@ -102,7 +101,7 @@ def test_points_have_axes_that_vary(client, campaign):
 def test_map_has_layers_of_the_selection(client, campaign, layer):
     environment = client.get("/api/summary", params={"c": campaign[0]}).json()["maps"][0]["id"]
     query = {"c": campaign[0], "environment": environment, "layer": layer, "f": "passed=fail"}
-    header, arrays = read_whole(client, "/api/paths", **query)
+    header, _ = read_whole(client, "/api/paths", **query)
     assert header["runs"] == 7
     assert header["form"] == ("grid" if layer == "rate" else "runs")
     assert header["floor"]["width"] == pytest.approx(6.0)
@@ -152,7 +151,11 @@ def test_signals_are_over_time_or_distance(client, campaign):
         ("/api/paths", {"environment": "../.."}, "environment: expected a map of this campaign, got '../..'"),
         ("/api/map.png", {"environment": "../.."}, "environment: expected a map of this campaign, got '../..'"),
         ("/api/table", {"format": "exe"}, "format: expected csv or parquet, got 'exe'"),
-        ("/api/configuration", {"name": "../x"}, "name: expected a configuration with runs in this campaign, got '../x'"),
+        (
+            "/api/configuration",
+            {"name": "../x"},
+            "name: expected a configuration with runs in this campaign, got '../x'",
+        ),
         ("/api/configuration", {}, "name: expected a value in the address, got none"),
     ],
 )

@@ -125,7 +125,9 @@ def test_selection_survives_reload_and_back_button(page):
     page.value("history.back()")
     until(page, "location.pathname === '/campaign' && document.querySelectorAll('.chip').length === 2")
     assert page.value("location.href") == place
-    page.value("[...document.querySelectorAll('button')].find(each => each.textContent === 'Clear all filters').click()")
+    page.value(
+        "[...document.querySelectorAll('button')].find(each => each.textContent === 'Clear all filters').click()"
+    )
     until(page, "!document.querySelector('.chip') && !location.search.includes('f=')")
 
 
@@ -134,7 +136,9 @@ def test_configuration_shows_runs_signals_and_neighbor(page, campaign):
     visit(page, f"{address}&name=hard-2")
     until(page, f"{SHOWN} === '1'")
     assert page.value("document.querySelectorAll('#runs tbody tr').length") == 4
-    assert page.value("document.querySelector('#runs a').href").endswith(f"/run?c={campaign}&configuration=hard-2&run=0")
+    assert page.value("document.querySelector('#runs a').href").endswith(
+        f"/run?c={campaign}&configuration=hard-2&run=0"
+    )
     until_painted(page)
     assert page.value("document.querySelectorAll('#signals path.line').length") == 3
     page.value("const pick = document.querySelectorAll('#signals select')[1]; pick.value = 'distance_m';"
@@ -174,7 +178,9 @@ def test_charts_select_runs_and_are_saved(page):
     until(page, "document.querySelector('#python pre').textContent.includes('pd.read_parquet')")
     assert "open=scatter%2Cparallel%2Cpython" in page.value("location.search")
     for kind in ("map", "scatter", "parallel"):
-        page.value(f"document.querySelectorAll('#{kind} .tools button').forEach(each => /PNG|SVG/.test(each.textContent) && each.click())")
+        page.value(
+            f"document.querySelectorAll('#{kind} .tools button').forEach(each => /PNG|SVG/.test(each.textContent) && each.click())"
+        )
     until(page, "window.saved.filter(type => type === 'image/png').length === 3")
     assert page.value("window.saved.filter(type => type === 'image/svg+xml').length") >= 3
     drag(page, "document.querySelector('#scatter svg.chart')", (0.2, 0.1), (0.95, 0.8))
@@ -189,7 +195,10 @@ def test_pages_fit_390_pixels(page, campaign, dark):
     features = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
     page.ask("Emulation.setEmulatedMedia", features=features)
     origin = page.value("location.origin")
-    for address in (f"/campaign?c={campaign}&open=scatter,parallel,python&f=passed%3Dfail", f"/configuration?c={campaign}&name=hard-1"):
+    for address in (
+        f"/campaign?c={campaign}&open=scatter,parallel,python&f=passed%3Dfail",
+        f"/configuration?c={campaign}&name=hard-1",
+    ):
         visit(page, origin + address)
         until(page, f"{SHOWN} === '1'")
         page.value("for (const each of document.querySelectorAll('details')) each.open = true")

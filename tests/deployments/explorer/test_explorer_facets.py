@@ -34,7 +34,9 @@ def runs_of():
             "configuration": pd.Categorical.from_codes(of, [f"c-{k}" for k in range(CONFIGURATIONS)]),
             "family": pd.Categorical.from_codes(of % 2, ["odd", "even"]),
             "run_index": np.tile(np.arange(RUNS), CONFIGURATIONS),
-            "reason": pd.Categorical.from_codes(np.where(failed, rng.integers(0, 20, n), -1), [f"r{k}" for k in range(20)]),
+            "reason": pd.Categorical.from_codes(
+                np.where(failed, rng.integers(0, 20, n), -1), [f"r{k}" for k in range(20)]
+            ),
             "cause": pd.Categorical.from_codes(np.where(failed, 0, -1), ["lost"]),
             "passed": pd.arrays.BooleanArray(~failed, rng.random(n) < 0.1),
             "passed.safety": pd.arrays.BooleanArray(~failed, np.zeros(n, dtype=bool)),

@@ -66,7 +66,9 @@ def conditions(name):
         return ranges | some_of(name, values)
     levels = {"passed": ("pass", "fail"), "passed.safety": ("pass", "fail"), "family": ("a", "b", "c")}.get(name, TEXTS)
     found = some_of(name, st.none() | st.sampled_from(levels))
-    return found if name.startswith("passed") else found | st.sampled_from(TEXTS).map(lambda part: Containing(name, part))
+    return (
+        found if name.startswith("passed") else found | st.sampled_from(TEXTS).map(lambda part: Containing(name, part))
+    )
 
 
 def any_end(ends):
@@ -110,7 +112,7 @@ def test_selection_equals_that_of_its_pandas_program(directory, chosen):
     table = read_run_table(directory)
     mask = Selections(table).mask(chosen)
     names = {}
-    exec(python_of(table, chosen, directory), names)
+    exec(python_of(table, chosen, directory), names)  # noqa: S102
     assert names["selection"].index.tolist() == np.flatnonzero(mask).tolist()
 
 
