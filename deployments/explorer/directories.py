@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
 from vastflow.flows.results.address import METADATA
-from vastflow.flows.results.directory import writer_of
+from vastflow.oracles.results.events import EVENTS, LAST, Event, event_of
+from vastflow.oracles.results.unfinished import final_of, is_running
 from vastflow.sim.model.files import read_json
 
 State: TypeAlias = Literal["running", "finished", "stopped", "damaged"]
@@ -17,9 +18,12 @@ State: TypeAlias = Literal["running", "finished", "stopped", "damaged"]
 DEEPEST: Final = 5
 """Folders below a given one that are looked into."""
 
-_PARTIAL: Final = re.compile(r"\.(?P<name>(?P<campaign>.+?)-(?P<created>\d{4}-\d\d-\d\d-\d{6})(-\d+)?)\.partial")
+_NAMED: Final = re.compile(r"(.+)-(\d{4}-\d\d-\d\d)-(\d\d)(\d\d)(\d\d)(-\d+)?")
+"""Name of a campaign directory: that of the campaign, and when it was begun."""
+_END_BYTES: Final = 8192
+"""Part of the events that is read for the first and for the last."""
 _FILES: Final = (
-    *(METADATA, "campaign.vast", "report.html", "events.jsonl"),
+    *(METADATA, "campaign.vast", "report.html", EVENTS),
     *(f"{table}.parquet" for table in ("configurations", "rejections", "runs", "verdicts")),
     *("recordings", "traces", "environments", "inputs", "outputs", "logs", "figures"),
 )
@@ -40,7 +44,7 @@ class CampaignDirectory:
         name: Name of the campaign, which several directories share.
         created: Local time in ISO 8601; empty where nothing tells it.
         metadata: Content of `metadata.json`; empty while there is none.
-        problem: What is wrong with a damaged directory, as a sentence.
+        problem: What is wrong with a damaged directory, or why a campaign stopped; may be empty.
     """
 
     id: str
@@ -85,7 +89,7 @@ class Directories:
 
     def _read(self, path: Path) -> CampaignDirectory:
         """Return a directory, from memory while its `metadata.json` is unchanged."""
-        if _PARTIAL.fullmatch(path.name):
+        if final_of(path) != path:
             return _unfinished(path)
         try:
             status = (path / METADATA).stat()
@@ -99,7 +103,7 @@ class Directories:
 
 def _below(folder: Path, depth: int) -> Iterator[Path]:
     """Yield campaign directories at or below a folder; links are not followed, as they may lead out of it."""
-    if _PARTIAL.fullmatch(folder.name) or os.path.lexists(folder / METADATA):
+    if final_of(folder) != folder or os.path.lexists(folder / METADATA):
         yield folder
         return
     if depth < 0:
@@ -109,7 +113,7 @@ def _below(folder: Path, depth: int) -> Iterator[Path]:
     except OSError:  # removed meanwhile, or not ours to read
         return
     for path in map(Path, inside):
-        if not path.name.startswith(".") or _PARTIAL.fullmatch(path.name):
+        if not path.name.startswith(".") or final_of(path) != path:
             yield from _below(path, depth - 1)
 
 
@@ -119,13 +123,37 @@ def _id(final: Path) -> str:
 
 
 def _unfinished(path: Path) -> CampaignDirectory:
-    """Return the directory of a campaign that runs, or whose process is gone."""
-    told = _PARTIAL.fullmatch(path.name)
-    assert told is not None  # or it would not be here
-    day, clock = told["created"][:10], told["created"][11:]
-    created = f"{day}T{clock[:2]}:{clock[2:4]}:{clock[4:]}"
-    state: State = "stopped" if writer_of(path) is None else "running"
-    return CampaignDirectory(_id(path.with_name(told["name"])), path, told["campaign"], created, state)
+    """Return the directory of a campaign that runs, was stopped, or whose process is gone."""
+    final = final_of(path)
+    named = _NAMED.fullmatch(final.name)
+    assert named is not None  # or it would not be unfinished
+    name, created = named[1], f"{named[2]}T{named[3]}:{named[4]}:{named[5]}"
+    first, last = _ends(path / EVENTS) if _within(path, EVENTS) else (None, None)
+    if first is not None and isinstance(first.values.get("name"), str):
+        name = first.values["name"]  # the folder's name lacks characters
+    if is_running(path):
+        return CampaignDirectory(_id(final), path, name, created, "running")
+    told = last.values.get("reason") if last is not None and last.event in LAST else None
+    return CampaignDirectory(_id(final), path, name, created, "stopped", problem=str(told or "its process is gone"))
+
+
+def _ends(file: Path) -> tuple[Event | None, Event | None]:
+    """Return the first and the last event of a file; None for what is not there."""
+    try:
+        with open(file, "rb") as events:
+            head = events.read(_END_BYTES).split(b"\n")[0]
+            size = events.seek(0, os.SEEK_END)
+            events.seek(max(0, size - _END_BYTES))
+            *_, tail = [b"", *events.read().split(b"\n")[:-1]]
+    except OSError:
+        return None, None
+    found: list[Event | None] = []
+    for line in (head, tail):
+        try:
+            found.append(event_of(line))
+        except (ValueError, KeyError, TypeError, AttributeError):
+            found.append(None)
+    return found[0], found[1]
 
 
 def _finished(path: Path) -> CampaignDirectory:

@@ -18,7 +18,7 @@ from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.oracles.results.events import EVENTS, Event, EventName
 from vastflow.oracles.results.unfinished import BEAT_S, stop_reason
-from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.faults import FileError, UserError
 from vastflow.tasks.engine.executor import PoolClosed
 from vastflow.tasks.engine.progress import Progress
 from vastflow.tasks.prefect import campaign_log
@@ -157,6 +157,8 @@ def logged(run: PreparedCampaign, computing: Computing) -> Iterator[EventLog]:
             yield log
         except BaseException as error:
             log.close("stopped", reason=_reason(log, error))
+            if isinstance(error, FileError):  # nothing was run, and nothing is to be found
+                (directory.running / EVENTS).unlink(missing_ok=True)
             if log.stopped_by is not None and isinstance(error, Exception):
                 raise CampaignStopped(f"stopped: {log.stopped_by}") from None
             raise

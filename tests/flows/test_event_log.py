@@ -18,6 +18,7 @@ from vastflow.flows.run.event_log import CampaignStopped, EventLog, logged
 from vastflow.flows.terminal.following import lines_of, runs_text
 from vastflow.oracles.results.events import EVENTS, Event, EventReader
 from vastflow.oracles.results.unfinished import WRITER, ask_to_stop, is_running, place_of, unfinished, writer
+from vastflow.sim.model.faults import FileError
 from vastflow.tasks.engine.executor import PoolClosed
 from vastflow.tasks.engine.progress import Tally
 
@@ -140,6 +141,13 @@ def test_log_of_campaign_without_directory_has_reason(campaign, error, reason):
     assert place == log.directory.running and not is_running(place) and not (place / WRITER).exists()
     last = events_in(place)[-1]
     assert (last.event, last.values["reason"]) == ("stopped", reason)
+
+
+def test_log_of_wrong_campaign_file_leaves_nothing(campaign, tmp_path):
+    run, computing = campaign
+    with pytest.raises(FileError), logged(run, computing):
+        raise FileError([])
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_stop_closes_engine_and_gives_its_reason(campaign):

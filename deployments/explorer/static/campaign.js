@@ -1,9 +1,9 @@
 /** The page of a campaign: one selection, and views of it that follow. */
-import { parallelChart, scatterChart, verdictKey, widthIn } from "./chart.js";
+import { showParallel, showPython, showScatter } from "./campaign_charts.js";
+import { verdictKey } from "./chart.js";
 import { address, element, fetched, showError } from "./dom.js";
 import { showFacets } from "./facets.js";
 import { MapView } from "./map.js";
-import { saveButtons } from "./save.js";
 import { changed, conditionWords, count, filterText, interval, percent, readArrays, VERDICTS } from "./selection.js";
 import { showTable } from "./table.js";
 
@@ -244,106 +244,13 @@ function startMap(environment) {
 function showDetails(id) {
   const place = $(id).querySelector("div");
   if (!$(id).open) return Promise.resolve();
-  return shown(place, () => ({ scatter: showScatter, parallel: showParallel, python: showPython })[id](place));
-}
-
-async function showScatter(place) {
-  const numbers = told.columns.map((each) => each.name);
-  state.x = numbers.includes(state.x)
-    ? state.x
-    : (told.columns.find(({ group }) => group === "factor")?.name ?? numbers[0]);
-  state.y = numbers.includes(state.y)
-    ? state.y
-    : (told.columns.find(({ group }) => group === "metric")?.name ?? numbers[0]);
-  if (!state.x || !state.y) return place.replaceChildren(element("p", { class: "muted" }, "No column varies."));
-  const pick = (axis) => {
-    const change = (event) => {
-      state[axis] = event.target.value;
-      remember();
-      showDetails("scatter");
-    };
-    const options = numbers.map((each) => element("option", { selected: each === state[axis] }, each));
-    return element("label", {}, `${axis} `, element("select", { change }, ...options));
+  const again = () => {
+    remember();
+    showDetails(id);
   };
-  const names = new URLSearchParams([
-    ["c", c],
-    ["f", state.f],
-    ["column", state.x],
-    ["column", state.y],
-  ]);
-  const { header, arrays } = await readArrays(await fetched(`/api/points?${names}`, { signal: waiting.signal }));
-  const [first, second] = header.columns.map((each, k) => ({ ...each, values: arrays[k] }));
-  const [place1, runs, verdicts] = arrays.slice(2);
-  const line = element("p", { class: "muted" }, "A point tells its run; a dragged rectangle selects.");
-  const tell = (k) => {
-    const configuration = header.configurations[place1[k]];
-    const link = element("a", { href: runAddress(configuration, runs[k]) }, `${configuration}, run ${runs[k]}`);
-    line.replaceChildren(link, `: ${VERDICTS[verdicts[k]].word}`);
-  };
-  const chart = scatterChart(widthIn(place), first, second, verdicts, tell, (x, y) => {
-    const ends = [x, y].map((range, k) => rangeOf(header.columns[k], range)).filter(Boolean);
-    select(ends.reduce((conditions, each) => changed(conditions, each.column, each), told.conditions));
-  });
-  const saved = saveButtons(`${name}-scatter`, () => chart);
-  place.replaceChildren(
-    element("div", { class: "tools" }, pick("x"), pick("y"), ...saved),
-    chart,
-    verdictKey(),
-    sampled(header),
-    line,
-  );
-}
-
-/** The condition of a range on an axis, texts by their places. */
-function rangeOf({ name: column, levels }, [low, high]) {
-  if (!levels) return { column, low: Number(low.toPrecision(4)), high: Number(high.toPrecision(4)) };
-  const values = levels.filter((_, k) => k >= low - 0.3 && k <= high + 0.3);
-  return values.length ? { column, values } : null;
-}
-
-/** A chart in its own width, which scrolls where the page is narrower. */
-function scrolled(chart) {
-  chart.setAttribute("width", String(chart.viewBox.baseVal.width));
-  return element("div", { class: "scroll" }, chart);
-}
-
-const sampled = ({ shown: n, total }) =>
-  element(
-    "p",
-    { class: "muted" },
-    n < total ? `${count(n)} of ${count(total)} runs, evenly chosen.` : `All ${count(n)} selected runs.`,
-  );
-
-async function showParallel(place) {
-  const { header, arrays } = await readArrays(await ask("points"));
-  if (!header.columns.length)
-    return place.replaceChildren(element("p", { class: "muted" }, "No column varies in the selection."));
-  const columns = header.columns.map((each, k) => ({ ...each, values: arrays[k] }));
-  const chart = parallelChart(widthIn(place, columns.length), columns, arrays[arrays.length - 1], (k, ends) => {
-    const condition = rangeOf(columns[k], ends);
-    if (condition) choose(columns[k].name, condition);
-  });
-  const hidden = [
-    ...(header.constant.length ? [`The same in the selection: ${header.constant.join(", ")}.`] : []),
-    ...(header.left_out.length ? [`Not drawn for want of room: ${header.left_out.join(", ")}.`] : []),
-    "Values below an axis were not measured. Drag along an axis to select a range.",
-  ].map((text) => element("p", { class: "muted" }, text));
-  place.replaceChildren(
-    element("div", { class: "tools" }, ...saveButtons(`${name}-parallel`, () => chart)),
-    scrolled(chart),
-    verdictKey(),
-    sampled(header),
-    ...hidden,
-  );
-}
-
-async function showPython(place) {
-  const copied = element("span", { class: "muted", "aria-live": "polite" });
-  const click = async () => {
-    await navigator.clipboard.writeText(told.python);
-    copied.textContent = " copied";
-  };
-  place.replaceChildren(element("pre", {}, told.python), element("button", { click }, "Copy"), copied);
+  const asked = (place) => fetched(place, { signal: waiting.signal });
+  const page = { c, name, state, told, ask: asked, select, again };
+  return shown(place, () => ({ scatter: showScatter, parallel: showParallel, python: showPython })[id](place, page));
 }
 
 for (const id of ["scatter", "parallel", "python"]) {

@@ -1,26 +1,11 @@
 /** The map: trajectories, final poses, or rates of cells on a floor that is moved by pointer or keys. */
+import { coloredCells } from "./cells.js";
 import { drawn, element } from "./dom.js";
 import { saveButtons } from "./save.js";
 import { count, percent, VERDICTS } from "./selection.js";
 
-const RAMP = [
-  [253, 231, 37],
-  [94, 201, 98],
-  [33, 145, 140],
-  [59, 82, 139],
-  [68, 1, 84],
-];
-/** Viridis from yellow (little) to purple (much), as in the report. */
-const SELDOM = [150, 150, 150];
 const NEAR_PX = 8;
 const STEP_PX = 40;
-
-/** @returns {number[]} Color of a share from 0 to 1. */
-function rampColor(share) {
-  const at = Math.min(Math.max(share, 0), 1) * (RAMP.length - 1);
-  const k = Math.min(Math.floor(at), RAMP.length - 2);
-  return RAMP[k].map((part, c) => Math.round(part + (RAMP[k + 1][c] - part) * (at - k)));
-}
 
 export class MapView {
   /**
@@ -109,45 +94,13 @@ export class MapView {
       await this.picture.decode().catch(() => {});
     }
     this.content = content;
-    this.cells = header.form === "grid" ? this.cellsOf(content) : null;
+    this.cells = header.form === "grid" ? coloredCells(content, this.legend) : null;
     if (!this.cells) this.legend.replaceChildren();
     this.canvas.setAttribute(
       "aria-label",
       `Map with ${header.runs ?? 0} runs; arrows move it, plus and minus zoom, 0 shows all`,
     );
     this.draw();
-  }
-
-  /** Color the cells of a grid, and write the legend. */
-  cellsOf({ header, arrays }) {
-    const [runs, failed] = arrays;
-    const { rows, columns } = header.grid;
-    const shown = document.createElement("canvas");
-    [shown.width, shown.height] = [columns, rows];
-    const picture = new ImageData(columns, rows);
-    const isRate = header.layer === "rate";
-    const values = header.layer === "ends" && failed.some((n) => n > 0) ? failed : runs;
-    const most = isRate ? 1 : values.reduce((a, b) => Math.max(a, b), 1);
-    for (let k = 0; k < runs.length; k++) {
-      if (!(isRate ? runs[k] : values[k])) continue;
-      const pixel = 4 * ((rows - 1 - Math.floor(k / columns)) * columns + (k % columns));
-      const seldom = isRate && runs[k] < header.minimum;
-      const share = isRate ? failed[k] / runs[k] : Math.log1p(values[k]) / Math.log1p(most);
-      const color = seldom ? SELDOM : rampColor(share);
-      picture.data.set([...color, seldom ? 70 : isRate && !failed[k] ? 60 : 200], pixel);
-    }
-    shown.getContext("2d").putImageData(picture, 0, 0);
-    const words = isRate
-      ? `share of the runs that came here and failed here; gray: fewer than ${header.minimum} visits; faint: no failure`
-      : values === failed
-        ? "failed runs that ended here"
-        : `runs that ${header.layer === "ends" ? "ended" : "came"} here`;
-    const stops = Array.from({ length: 30 }, (_, k) => {
-      return drawn("rect", { x: 4 * k, y: 0, width: 4, height: 8, fill: `rgb(${rampColor(k / 29)})` });
-    });
-    const ramp = drawn("svg", { viewBox: "0 0 120 8", width: 120, height: 8, "aria-hidden": "true" }, ...stops);
-    this.legend.replaceChildren(isRate ? "0 % " : "1 ", ramp, isRate ? " 100 % " : ` ${count(most)} `, words);
-    return shown;
   }
 
   /** Show the whole map. */

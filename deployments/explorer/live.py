@@ -1,0 +1,130 @@
+"""A running campaign, folded from its events into the state that a page shows."""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final
+
+from vastflow.flows.terminal.progress import Meter, duration_text, pace_words, phase_text
+from vastflow.oracles.results.events import LAST, Event
+from vastflow.oracles.statistics.intervals import Counts
+from vastflow.tasks.engine.progress import Progress
+
+MOST_FAILED: Final = 100
+MOST_TOLD: Final = 50
+"""Faults and notices that are shown, the newest."""
+MOST_RECENT: Final = 600
+"""Verdicts in the order of their coming."""
+_LETTERS: Final = {"pass": "p", "fail": "f"}
+_COUNTS: Final = frozenset(field.name for field in fields(Progress)) - {"notices"}
+
+
+@dataclass(frozen=True, slots=True)
+class LostRun:
+    """A run that failed or was not judged."""
+
+    configuration: str
+    run: int
+    judgement: str
+    reason: str
+    at: str
+
+
+class LiveCampaign:
+    """The state of a campaign by the events so far."""
+
+    def __init__(self) -> None:
+        self._began: Event | None = None
+        self._last: Event | None = None
+        self._end: Event | None = None
+        self._progress: Progress | None = None
+        self._families: list[Mapping[str, Any]] = []
+        self._meter: Meter | None = None
+        self._lost: dict[tuple[str, int], LostRun] = {}
+        self._recent: deque[str] = deque(maxlen=MOST_RECENT)
+        self._faults: list[str] = []
+        self._notices: list[str] = []
+
+    @property
+    def over(self) -> bool:
+        """True after the last event."""
+        return self._end is not None
+
+    def take(self, event: Event) -> None:
+        """Take the next event; those of a later version are passed over.
+
+        Raises:
+            KeyError, TypeError, ValueError: an event without its values.
+        """
+        values, self._last = event.values, event
+        match event.event:
+            case "began":
+                self._began = event
+                self._meter = Meter(event.at.timestamp())
+            case "verdicts":
+                self._judged(event)
+            case "fault":
+                run = "" if values["run_index"] is None else f" run {values['run_index']}"
+                place = f"{values['configuration'] or 'campaign'}{run}"
+                self._faults.append(f"{place}, {values['stage']}: {values['error']}")
+            case "notice":
+                self._notices.append(str(values["text"]))
+            case "progress":
+                self._progress = Progress(**{name: values[name] for name in _COUNTS & values.keys()})
+                self._families = list(values["families"])
+                if self._meter is not None:
+                    self._meter.note(self._progress, event.at.timestamp())
+        if event.event in LAST:
+            self._end = event
+
+    def _judged(self, event: Event) -> None:
+        values = event.values
+        judgement = str(values["judgement"])
+        for run in values["runs"]:
+            self._recent.append(_LETTERS.get(judgement, "n"))
+            key = (str(values["configuration"]), int(run))
+            self._lost.pop(key, None)  # a run that is judged again has the later judgement
+            if judgement != "pass":
+                reason = str(values["reason"] or "")
+                self._lost[key] = LostRun(*key, judgement, reason, event.at.isoformat(timespec="seconds"))
+
+    def state(self, now_s: float) -> dict[str, Any]:
+        """Return the state as JSON values; of long lists the newest, with the number of all.
+
+        Args:
+            now_s: Time since the epoch, by which the pace is measured.
+        """
+        lost, began = list(self._lost.values())[: -MOST_FAILED - 1 : -1], self._began
+        return {
+            "name": "" if began is None else str(began.values.get("name", "")),
+            "began": "" if began is None else began.at.isoformat(timespec="seconds"),
+            "last": "" if self._last is None else self._last.at.isoformat(timespec="seconds"),
+            "words": self._words(now_s),
+            "progress": None if self._progress is None else asdict(self._progress),
+            "families": [_family(each) for each in self._families],
+            "recent": "".join(self._recent),
+            "lost": [asdict(run) for run in lost],
+            "lost_total": len(self._lost),
+            "faults": self._faults[: -MOST_TOLD - 1 : -1],
+            "faults_total": len(self._faults),
+            "notices": self._notices[: -MOST_TOLD - 1 : -1],
+            "notices_total": len(self._notices),
+            "end": None if self._end is None else {"event": self._end.event, **self._end.values},
+        }
+
+    def _words(self, now_s: float) -> list[str]:
+        """Return phase and pace."""
+        progress, meter = self._progress, self._meter
+        if self._end is not None or meter is None:
+            return []
+        if progress is None:
+            return ["starting"]
+        pace = meter.pace(progress, now_s)
+        return [phase_text(progress, pace), *pace_words(progress, pace), f"{duration_text(pace.elapsed_s)} so far"]
+
+
+def _family(told: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the progress of a family, with its rate; None where nothing was judged."""
+    counts = Counts(int(told["passed"]), int(told["failed"]), int(told["not_judged"]))
+    ends = counts.interval
+    return {**told, "rate": counts.rate, "interval": [ends.low, ends.high] if counts.judged else None}

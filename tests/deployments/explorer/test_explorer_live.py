@@ -1,0 +1,216 @@
+"""The live page: the state that follows from events, its stream, and the request to stop."""
+
+import json
+import os
+import shutil
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from table import each_row
+
+from vastflow.deployments.explorer import live_page
+from vastflow.deployments.explorer.directories import Directories
+from vastflow.deployments.explorer.live import MOST_FAILED, MOST_RECENT, LiveCampaign
+from vastflow.deployments.explorer.live_page import Follower
+from vastflow.oracles.results.events import EVENTS, Event
+from vastflow.oracles.results.unfinished import STOP, WRITER, writer
+
+BEGAN = datetime(2026, 11, 21, 6, 0, 0, tzinfo=UTC)
+NAME = "office-2026-11-21-060000"
+OWN = {"origin": "http://127.0.0.1:8000"}
+FAMILY = {"family": "room", "configurations": 1, "runs": 8, "passed": 3, "failed": 1, "not_judged": 0}
+PROGRESS = {"phase": "running", "runs_done": 4, "runs_total": 8, "executed": 4, "passed": 3, "failed": 1}
+
+
+def event(name, after_s=0.0, /, **values):
+    return Event(BEGAN + timedelta(seconds=after_s), name, values)
+
+
+def verdicts(judgement, *runs, reason=None, configuration="room-1"):
+    of = {"configuration": configuration, "family": "room"}
+    return event("verdicts", 5.0, **of, judgement=judgement, reason=reason, runs=list(runs))
+
+
+def state_of(*events, now_s=10.0):
+    live = LiveCampaign()
+    for each in (event("began", name="office"), *events):
+        live.take(each)
+    return live.state(BEGAN.timestamp() + now_s)
+
+
+@pytest.fixture
+def running(results):
+    """A function that makes the folder of a running campaign with events, which this process seems to write."""
+
+    def begun(*events, name=NAME, alive=True):
+        place = results / f".{name}.running"
+        place.mkdir(exist_ok=True)
+        (place / EVENTS).write_bytes(b"".join(each.line for each in (event("began", name="office <1>"), *events)))
+        if alive:
+            (place / WRITER).write_text(json.dumps(writer()))
+        return place
+
+    return begun
+
+
+def test_state_lists_lost_runs_newest_first():
+    state = state_of(verdicts("pass", 0, 1), verdicts("fail", 2, 3, reason="contact"), verdicts("not judged", 4))
+    assert [(run["run"], run["judgement"], run["reason"]) for run in state["lost"]] == [
+        (4, "not judged", ""),
+        (3, "fail", "contact"),
+        (2, "fail", "contact"),
+    ]
+    assert (state["lost_total"], state["recent"]) == (3, "ppffn")
+
+
+def test_state_takes_the_later_judgement_of_a_run():
+    state = state_of(verdicts("fail", 0, 1), verdicts("pass", 0))
+    assert [run["run"] for run in state["lost"]] == [1]
+
+
+def test_state_tells_how_many_lost_runs_are_not_listed():
+    state = state_of(verdicts("fail", *range(MOST_RECENT + 5)))
+    assert (len(state["lost"]), state["lost_total"], len(state["recent"])) == (
+        MOST_FAILED,
+        MOST_RECENT + 5,
+        MOST_RECENT,
+    )
+
+
+def test_state_has_progress_of_families_with_intervals_and_pace():
+    first = event("progress", 2.0, families=[], **(PROGRESS | {"executed": 2, "runs_done": 2}))
+    state = state_of(
+        first, event("progress", 4.0, families=[FAMILY, FAMILY | {"passed": 0, "failed": 0}], **PROGRESS), now_s=4.0
+    )
+    room, unmeasured = state["families"]
+    assert (room["rate"], unmeasured["rate"], unmeasured["interval"]) == (0.75, None, None)
+    assert room["interval"] == pytest.approx([0.3006, 0.9544], abs=1e-4)
+    assert "1 runs/s" in state["words"] and "about 4 s left" in state["words"]
+
+
+def test_state_passes_over_events_of_a_later_version():
+    assert state_of(event("dreamed", of="sheep"))["end"] is None
+
+
+def test_state_ends_with_reason():
+    state = state_of(event("stopped", reason="wrong file"))
+    assert (state["end"]["reason"], state["words"]) == ("wrong file", [])
+
+
+def test_running_campaign_is_listed_first_with_its_name(client, running, add_campaign):
+    add_campaign(20, {"room": [1]})
+    running()
+    page = client.get("/").text
+    assert page.index("office &lt;1&gt;") < page.index(">office<") and "running</b>" in page and "/live?c=" in page
+
+
+@each_row(
+    ("last", "words"),
+    [
+        (event("stopped", reason="wrong file"), "wrong file"),
+        (event("progress", families=[], **PROGRESS), "its process is gone"),
+    ],
+)
+def test_stopped_campaign_is_listed_with_its_reason(client, running, last, words):
+    running(last, alive=False)
+    page = client.get("/").text
+    assert "stopped</b>" in page and words in page
+
+
+def test_id_stays_when_the_campaign_ends(results, running, add_campaign):
+    place = running()
+    (before,) = Directories([results]).all()
+    shutil.rmtree(place)
+    add_campaign(21, {"room": [1]})
+    (after,) = Directories([results]).all()
+    assert (before.state, after.state, before.id == after.id) == ("running", "finished", True)
+
+
+def test_follower_goes_on_when_the_directory_becomes_whole(results, running, add_campaign):
+    place = running(verdicts("fail", 1))
+    (campaign,) = Directories([results]).all()
+    follower = Follower(campaign)
+    assert (follower.look()["lost_total"], follower.look()["whole"]) == (1, False)
+    whole = add_campaign(21, {"room": [1]})
+    content = (place / EVENTS).read_bytes() + verdicts("fail", 2).line + event("ended", faults=0).line
+    (whole / EVENTS).write_bytes(content)
+    shutil.rmtree(place)
+    state = follower.look()
+    assert (state["lost_total"], state["end"]["event"], state["whole"]) == (2, "ended", True)
+
+
+def test_follower_ends_when_the_process_is_gone(results, running):
+    running(verdicts("fail", 1), alive=False)
+    follower = Follower(Directories([results]).all()[0])
+    states = [follower.look() for _ in range(live_page._LOOKS)]
+    assert [each["end"] for each in states[:-1]] == [None] * (live_page._LOOKS - 1)
+    assert states[-1]["end"]["reason"] == "its process is gone"
+
+
+def test_follower_counts_damaged_lines(results, running):
+    place = running(event("verdicts"), verdicts("fail", 1))
+    with open(place / EVENTS, "ab") as file:
+        file.write(b"{\n[]\n\xff\n" + verdicts("fail", 2).line[:-9])
+    state = Follower(Directories([results]).all()[0]).look()
+    assert (state["damaged"], state["lost_total"]) == (4, 1)
+
+
+def test_stream_of_events_ends_with_the_campaign(client, running, id_of):
+    place = running(verdicts("fail", 1), event("stopped", reason="wrong file"), alive=False)
+    reply = client.get("/api/events", params={"c": id_of(place)})
+    assert reply.headers["content-type"].startswith("text/event-stream")
+    (message,) = reply.text.split("\n\n")[:-1]
+    assert json.loads(message.removeprefix("data: "))["end"]["reason"] == "wrong file"
+
+
+def test_stream_of_unknown_campaign_is_an_error(client):
+    reply = client.get("/api/events", params={"c": "nothing"})
+    assert (reply.status_code, reply.json()) == (
+        404,
+        {"error": "No campaign directory has this id; it may have been moved or removed."},
+    )
+
+
+def test_live_page_of_stopped_campaign_opens(client, running, id_of):
+    place = running(alive=False)
+    reply = client.get("/live", params={"c": id_of(place)})
+    assert (reply.status_code, "office &lt;1&gt;" in reply.text) == (200, True)
+
+
+def test_stop_leaves_the_reason_for_the_campaign(client, running, id_of):
+    place = running()
+    reply = client.post("/api/stop", params={"c": id_of(place)}, json={"reason": " wrong\nfile "}, headers=OWN)
+    assert (reply.status_code, json.loads((place / STOP).read_text())) == (200, {"reason": "wrong file"})
+
+
+@each_row("content", [b"", b"{}", b"[]", b"null", b'{"reason": 1}', b'{"reason": "  "}', b"\xff"])
+def test_stop_without_reason_is_refused(client, running, id_of, content):
+    place = running()
+    reply = client.post("/api/stop", params={"c": id_of(place)}, content=content, headers=OWN)
+    assert (reply.status_code, reply.json()) == (400, {"error": "Expected a reason why the campaign shall stop."})
+    assert not (place / STOP).exists()
+
+
+def test_stop_refuses_a_long_body(client, running, id_of):
+    reply = client.post("/api/stop", params={"c": id_of(running())}, content=b" " * 20_000, headers=OWN)
+    assert reply.status_code == 413
+
+
+@each_row("headers", [{}, {"origin": "http://evil.example"}])
+def test_stop_from_a_foreign_page_is_refused(client, running, id_of, headers):
+    place = running()
+    reply = client.post("/api/stop", params={"c": id_of(place)}, json={"reason": "x"}, headers=headers)
+    assert (reply.status_code, (place / STOP).exists()) == (403, False)
+
+
+def test_stop_of_an_ended_campaign_is_a_sentence(client, running, id_of):
+    id = id_of(running(alive=False))
+    reply = client.post("/api/stop", params={"c": id}, json={"reason": "x"}, headers=OWN)
+    assert (reply.status_code, "expected a running campaign" in reply.json()["error"]) == (409, True)
+
+
+def test_events_that_are_a_link_are_not_read_for_the_list(client, running, tmp_path):
+    place = running()
+    os.rename(place / EVENTS, tmp_path / "elsewhere")
+    os.symlink(tmp_path / "elsewhere", place / EVENTS)
+    assert "office &lt;1&gt;" not in client.get("/").text
