@@ -35,4 +35,5 @@ def _script(group: typer.Typer, command: str, name: str, summary: str) -> None:
 _script(bench, "sim", "bench_simulator", "Measure the CPU time of the simulator on one fixed scenario.")
 _script(bench, "pipeline", "bench_pipeline", "Measure the pipeline with runs that do nothing, which takes minutes.")
 _script(bench, "cluster", "bench_cluster", "Measure how busy a Dask cluster's workers are, by units that sleep.")
+_script(bench, "ui", "bench_ui", "Measure the explorer's views of a synthetic campaign, with random filters.")
 _script(dev, "paper", "paper_page", "Print a Markdown page that compares results with the paper's.")

@@ -1,0 +1,203 @@
+"""The page of a campaign: facets, map, table, scatter, and parallel coordinates of a selection of its runs."""
+
+import io
+from collections.abc import Callable
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet as pq
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
+
+from vastflow.deployments.explorer import facets, trajectories
+from vastflow.deployments.explorer.directories import Directories
+from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
+from vastflow.deployments.explorer.pages import Pages
+from vastflow.deployments.explorer.replies import BadRequest, arrays_reply, json_reply, name_of, number_of, unless_known
+from vastflow.deployments.explorer.selection import (
+    WIDE_FILE,
+    Bools,
+    Filter,
+    condition_json,
+    format_filter,
+    parse_filter,
+    python_of,
+)
+from vastflow.oracles.results.schema import read_columns
+from vastflow.oracles.results.tables import read_tables
+from vastflow.oracles.results.unusable import reading
+from vastflow.sim.model.faults import UserError
+
+MOST_POINTS: Final = 5000
+MOST_LINES: Final = 1500
+"""Runs in parallel coordinates."""
+MOST_AXES: Final = 12
+MOST_ROWS: Final = 200
+_ROWS: Final = 50
+_WAIT_S: Final = 0.05
+"""Time that a request waits for paths; what is read meanwhile comes with the next."""
+_FORMATS: Final = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
+
+View = Callable[[Request, Campaign, Filter, Bools], Response]
+
+
+def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
+    """Return the routes of the pages of campaigns and configurations, which share opened campaigns."""
+    from vastflow.deployments.explorer import configuration_page
+
+    opened = OpenedCampaigns(directories)
+
+    def page(request: Request) -> Response:
+        directory = opened.find(name_of(request, "c"))
+        problem = ""
+        try:
+            opened.of(directory.id)
+        except UserError as error:
+            problem = str(error)
+        return pages.page(request, "campaign.html.j2", 409 if problem else 200, campaign=directory, problem=problem)
+
+    def view(made: View) -> Callable[[Request], Response]:
+        def answer(request: Request) -> Response:
+            campaign = opened.of(name_of(request, "c"))
+            chosen = parse_filter(request.query_params.get("f", ""))
+            return made(request, campaign, chosen, campaign.selections.mask(chosen))
+
+        return answer
+
+    views: dict[str, View] = {
+        "summary": summary,
+        "facets": facet_counts,
+        "rows": rows,
+        "points": points,
+        "paths": paths,
+        "map.png": map_picture,
+        "table": table,
+    }
+    return [
+        Route("/campaign", page),
+        *(Route(f"/api/{name}", view(made)) for name, made in views.items()),
+        *configuration_page.routes(opened, pages),
+    ]
+
+
+def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
+    """Return the counts of the selection, its reasons, its program, and the choices of the page."""
+
+    def made() -> Response:
+        found: dict[str, Any] = {
+            "filter": format_filter(chosen),
+            "conditions": [condition_json(each) for each in chosen.conditions],
+            "summary": facets.summary_json(campaign.table, mask),
+            "reasons": facets.reasons_json(campaign.table, mask),
+            "columns": facets.column_list(campaign.facets),
+            "maps": campaign.maps,
+            "python": python_of(campaign.table, chosen, campaign.directory.path),
+        }
+        return json_reply(found)
+
+    return unless_known(request, campaign, made)
+
+
+def facet_counts(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
+    """Return each facet's counts under the other facets' conditions."""
+    return unless_known(request, campaign, lambda: json_reply(campaign.facets.json(chosen)))
+
+
+def rows(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
+    """Return a page of the selection's configurations."""
+    start, count = number_of(request, "start", 0, 1 << 40), number_of(request, "count", _ROWS, MOST_ROWS)
+    sort, descending = request.query_params.get("sort", "rate"), request.query_params.get("order") == "descending"
+    shown = request.query_params.getlist("column") or facets.default_columns(campaign.facets)
+
+    def made() -> Response:
+        return json_reply(
+            facets.rows_json(campaign.table, mask, shown, sort, descending=descending, start=start, count=count)
+        )
+
+    return unless_known(request, campaign, made)
+
+
+def points(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
+    """Return runs in some columns; without names those that vary, for parallel coordinates."""
+    asked = request.query_params.getlist("column")
+    most = MOST_POINTS if len(asked) == 2 else MOST_LINES
+
+    def made() -> Response:
+        names: list[str] = asked
+        constant: list[str] = []
+        if len(asked) != 2:
+            names, constant = facets.varying_of(campaign.table, mask, asked or facets.axes_of(campaign.facets, chosen))
+        header, arrays = facets.points(campaign.table, mask, names[:MOST_AXES], most)
+        return arrays_reply({**header, "constant": constant, "left_out": names[MOST_AXES:]}, arrays)
+
+    return unless_known(request, campaign, made)
+
+
+def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
+    """Return a layer of the map of the runs that were read so far."""
+    environment = name_of(request, "environment")
+    asked = request.query_params.get("layer", "paths")
+    shown = next((each for each in trajectories.LAYERS if each == asked), None)
+    if shown is None:
+        raise BadRequest(f"layer: expected one of {', '.join(trajectories.LAYERS)}, got {asked!r}")
+    if environment not in [each["id"] for each in campaign.maps]:
+        raise BadRequest(f"environment: expected a map of this campaign, got {environment!r}")
+    found = campaign.trajectories.read(environment, _WAIT_S)
+    header = {
+        "problem": found.problem,
+        "read": found.done,
+        "configurations_here": len(found.configurations),
+        "damaged": found.damaged,
+        "floor": found.floor.json() if found.floor else None,
+    }
+    if not found.parts or found.floor is None:
+        return arrays_reply({**header, "form": "nothing"}, [])
+    told, arrays = trajectories.layer(found.parts[0], campaign.table, mask, found.floor.grid, shown)
+    return arrays_reply({**header, **told}, arrays)
+
+
+def map_picture(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
+    """Return the picture of an environment's map."""
+    environment = name_of(request, "environment")
+    if environment not in [each["id"] for each in campaign.maps]:
+        raise BadRequest(f"environment: expected a map of this campaign, got {environment!r}")
+
+    def made() -> Response:
+        with reading(campaign.directory.path):
+            return Response(trajectories.floor_of(campaign.directory.path, environment).png(), media_type="image/png")
+
+    return unless_known(request, campaign, made)
+
+
+def table(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
+    """Return the selected runs with all columns, as a file."""
+    form = request.query_params.get("format", "csv")
+    if form not in _FORMATS:
+        raise BadRequest(f"format: expected csv or parquet, got {form!r}")
+    with reading(campaign.directory.path):
+        found = selected(campaign, mask)
+    out = io.BytesIO()
+    if form == "csv":
+        pyarrow.csv.write_csv(found, out)
+    else:
+        pq.write_table(found, out, compression="zstd")
+    name = f"{campaign.directory.id}-{len(found)}-runs.{form}"  # an id is safe in a header
+    return Response(
+        out.getvalue(), media_type=_FORMATS[form], headers={"Content-Disposition": f'attachment; filename="{name}"'}
+    )
+
+
+def selected(campaign: Campaign, mask: Bools) -> pa.Table:
+    """Return the rows of the campaign's table of all runs that are selected."""
+    file = campaign.directory.path / WIDE_FILE
+    if file.is_file():
+        found = read_columns(file)
+    else:
+        from vastflow.oracles.evidence.wide import wide_table
+
+        found = pa.Table.from_pandas(wide_table(read_tables(campaign.directory.path)), preserve_index=False)
+    plain = [pc.cast(each, pa.string()) if pa.types.is_dictionary(each.type) else each for each in found.columns]
+    return pa.table(plain, names=found.column_names).filter(pa.array(mask))

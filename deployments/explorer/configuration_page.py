@@ -1,0 +1,242 @@
+"""The page of a configuration: its runs over each other, their signals and events, and the nearest one that passes."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
+
+from vastflow.deployments.explorer.facets import by_configuration, rate
+from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
+from vastflow.deployments.explorer.pages import Pages
+from vastflow.deployments.explorer.replies import BadRequest, arrays_reply, json_reply, name_of, unless_known
+from vastflow.deployments.explorer.selection import RunTable
+from vastflow.deployments.explorer.trajectories import floor_of, layer, read_paths
+from vastflow.oracles.observation.trace import signals_of
+from vastflow.oracles.results.tables import CODES, FAIL, PASS
+from vastflow.oracles.results.unusable import reading
+from vastflow.sim.model.blocks import read_block
+from vastflow.sim.model.faults import UserError
+
+TIME: Final = "t_s"
+DISTANCE: Final = "distance_m"
+MOST_SAMPLES: Final = 600
+"""Of a run in a signal's plot; more are thinned evenly."""
+_NO_SIGNALS: Final = (TIME, "x_m", "y_m", "estimated_x_m", "estimated_y_m", "localized", "stopped")
+_FIRST: Final = ("static_clearance_m", "wall_clearance_m", "localization_error_m", "speed_mps", "deviation_m")
+"""Signals in the order in which one is shown at first."""
+_GIVEN: Final = ("factor", "path")
+_WORDS: Final = {code: word for word, code in CODES.items()}
+
+
+def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
+    """Return the routes of the page and its views."""
+
+    def page(request: Request) -> Response:
+        directory, name = opened.find(name_of(request, "c")), name_of(request, "name")
+        problem = ""
+        try:
+            index_of(opened.of(directory.id).table, name)
+        except UserError as error:
+            problem = str(error)
+        values = {"campaign": directory, "name": name, "problem": problem}
+        return pages.page(request, "configuration.html.j2", 404 if problem else 200, **values)
+
+    def view(made: Callable[[Request, Campaign, int], Response]) -> Callable[[Request], Response]:
+        def answer(request: Request) -> Response:
+            campaign = opened.of(name_of(request, "c"))
+            k = index_of(campaign.table, name_of(request, "name"))
+
+            def read() -> Response:
+                with reading(f"{campaign.directory.path}: {campaign.table.configurations[k]}"):
+                    return made(request, campaign, k)
+
+            return unless_known(request, campaign, read)
+
+        return answer
+
+    return [
+        Route("/configuration", page),
+        Route("/api/configuration", view(runs_and_neighbor)),
+        Route("/api/configuration/paths", view(paths)),
+        Route("/api/configuration/signals", view(signals)),
+    ]
+
+
+def index_of(table: RunTable, name: str) -> int:
+    """Return a configuration's index; raises `BadRequest` for one that there is not."""
+    if name not in table.configurations:
+        raise BadRequest(f"name: expected a configuration with runs in this campaign, got {name!r}")
+    return table.configurations.index(name)
+
+
+def runs_and_neighbor(request: Request, campaign: Campaign, k: int) -> Response:
+    """Return the runs with their events, the values of the configuration, and its nearest neighbor of the other verdict."""
+    table = campaign.table
+    first, last = np.searchsorted(table.configuration, (k, k + 1)).tolist()
+    rows = {int(row["run_index"]): row for row in _recorded_rows(campaign, k)}
+    names = [n for n in ("outcome", "reason", "cause", "simulated_s", "distance_m") if n in table.columns]
+    runs, events = [], []
+    for at in range(first, last):
+        run = int(table.run_index[at])
+        values = {name: value_of(table, name, at) for name in names}
+        runs.append({"run": run, "verdict": _WORDS[int(table.verdict[at])], "recorded": run in rows, **values})
+        found = rows.get(run, {}).get("events", [])
+        events += [{"run": run, **{key: each[key] for key in ("t_s", "kind", "x_m", "y_m", "what")}} for each in found]
+    counts = by_configuration(table, np.ones(len(table), dtype=np.bool_))
+    passed, failed, not_judged = counts[k].tolist()
+    return json_reply(
+        {
+            "passed": passed,
+            "failed": failed,
+            "not_judged": not_judged,
+            "rate": rate(passed, failed),
+            "family": value_of(table, "family", first),
+            "values": [
+                {"name": n, "value": value_of(table, n, first)} for n, c in table.columns.items() if c.group in _GIVEN
+            ],
+            "runs": runs,
+            "events": events,
+            "neighbor": neighbor(table, counts, k),
+            "signals": _signal_names(campaign, k) if rows else [],
+            "environment": str(campaign.trajectories.environments[k]) or None,
+        }
+    )
+
+
+def value_of(table: RunTable, name: str, run: int) -> float | str | None:
+    """Return a run's value in a column; None where it is missing or there is no such column."""
+    column = table.columns.get(name)
+    if column is None or column.missing[run]:
+        return None
+    return float(column.values[run]) if column.levels is None else column.levels[column.values[run]]
+
+
+def neighbor(table: RunTable, counts: NDArray[np.int64], k: int) -> Mapping[str, Any] | None:
+    """Return the nearest configuration that passes where this one fails, or fails where it passes, and the differences.
+
+    Of those that always pass the nearest is taken; where none does, of those that pass most often. The distance is the sum over factors
+    of differences relative to the factor's range; texts, and values that one of both lacks, count 1.
+
+    Returns:
+        None where no other configuration has the other verdict.
+    """
+    judged = counts[:, PASS] + counts[:, FAIL]
+    rates = np.where(judged > 0, counts[:, PASS] / np.maximum(judged, 1), np.nan)
+    wants_pass = bool(rates[k] < 1.0)
+    others = np.where((judged > 0) & (np.arange(len(rates)) != k), rates if wants_pass else -rates, -np.inf)
+    own = rates[k] if wants_pass else -rates[k]
+    if np.isnan(own) or not len(others) or others.max() <= own:
+        return None
+    candidates = np.flatnonzero(others == others.max())
+    first = np.searchsorted(table.configuration, np.arange(len(rates)))
+    given = [column for column in table.columns.values() if column.group in _GIVEN or column.name == "family"]
+    distance = np.zeros(len(candidates))
+    for column in given:
+        if column.group == "path":
+            continue
+        values, missing = column.values[first], column.missing[first]
+        gaps = np.where(missing[candidates] != missing[k], 1.0, 0.0)
+        both = ~missing[candidates] & ~missing[k]
+        if column.levels is None:
+            widest = np.ptp(values[~missing]) if (~missing).any() else 0.0
+            gaps[both] = np.abs(values[candidates][both] - values[k]) / (widest or 1.0)
+        else:
+            gaps[both] = values[candidates][both] != values[k]
+        distance += gaps
+    nearest = int(candidates[distance.argmin()])
+    pairs = [
+        (c.name, value_of(table, c.name, int(first[k])), value_of(table, c.name, int(first[nearest]))) for c in given
+    ]
+    passed, failed, _ = counts[nearest].tolist()
+    return {
+        "name": table.configurations[nearest],
+        "passes": wants_pass,
+        "passed": passed,
+        "failed": failed,
+        "differences": [{"name": name, "own": own, "other": other} for name, own, other in pairs if own != other],
+        "equal": sum(own == other for _, own, other in pairs),
+    }
+
+
+def paths(request: Request, campaign: Campaign, k: int) -> Response:
+    """Return the configuration's paths, as `vastflow.deployments.explorer.campaign_page.paths` does."""
+    environment = str(campaign.trajectories.environments[k])
+    if not environment:
+        return arrays_reply({"form": "nothing", "floor": None, "problem": "This scenario has no map."}, [])
+    floor = floor_of(campaign.directory.path, environment)
+    found = read_paths(campaign.directory.path, campaign.table, k, floor.grid)
+    header = {"floor": floor.json(), "environment": environment, "problem": ""}
+    if found is None:
+        return arrays_reply({**header, "form": "nothing", "problem": "No run of it was recorded."}, [])
+    told, arrays = layer(found, campaign.table, np.ones(len(campaign.table), dtype=np.bool_), floor.grid, "paths")
+    return arrays_reply({**header, **told}, arrays)
+
+
+def signals(request: Request, campaign: Campaign, k: int) -> Response:
+    """Return a signal of each recorded run over time, or over the distance driven.
+
+    The arrays are float32 x (N,) and y (N,), NaN where the signal is missing, int32 starts (K + 1,), int32 run index and uint8 verdict (K,).
+    """
+    name, over = name_of(request, "signal"), request.query_params.get("over", TIME)
+    if over not in (TIME, DISTANCE):
+        raise BadRequest(f"over: expected {TIME} or {DISTANCE}, got {over!r}")
+    table = campaign.table
+    first, last = np.searchsorted(table.configuration, (k, k + 1)).tolist()
+    at = {int(run): first + place for place, run in enumerate(table.run_index[first:last])}
+    x, y, runs, verdicts, starts = [], [], [], [], [0]
+    for run, columns in _signals(campaign, k):
+        if run not in at or name not in columns:
+            continue
+        along = columns[TIME] if over == TIME else _driven_m(columns)
+        keep = np.unique(np.linspace(0, len(along) - 1, min(len(along), MOST_SAMPLES)).astype(np.int64))
+        x.append(along[keep])
+        y.append(np.where(np.isfinite(columns[name][keep]), columns[name][keep], np.nan))
+        runs.append(run)
+        verdicts.append(int(table.verdict[at[run]]))
+        starts.append(starts[-1] + len(keep))
+    empty = np.zeros(0)
+    arrays = [np.concatenate(each or [empty]).astype(np.float32) for each in (x, y)]
+    ints: Sequence[NDArray[Any]] = [np.array(starts, np.int32), np.array(runs, np.int32), np.array(verdicts, np.uint8)]
+    return arrays_reply({"signal": name, "over": over}, [*arrays, *ints])
+
+
+def _driven_m(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    steps = np.hypot(np.diff(columns["x_m"]), np.diff(columns["y_m"]))
+    return np.asarray(np.r_[0.0, np.cumsum(steps)][: len(columns[TIME])])
+
+
+def _recorded_rows(campaign: Campaign, k: int) -> list[dict[str, Any]]:
+    from vastflow.sim.model.blocks import read_rows
+
+    file = campaign.directory.path / "recordings" / f"{campaign.table.configurations[k]}.parquet"
+    return read_rows(file) if file.is_file() else []
+
+
+def _signals(campaign: Campaign, k: int) -> list[tuple[int, Mapping[str, NDArray[np.float64]]]]:
+    """Return the recorded and derived signals of each run; only the recorded ones where there are no traces."""
+    found: dict[int, dict[str, NDArray[np.int32]]] = {}
+    for folder in ("recordings", "traces"):
+        file = campaign.directory.path / folder / f"{campaign.table.configurations[k]}.parquet"
+        if file.is_file():
+            for row, columns in read_block(file):
+                found.setdefault(int(row["run_index"]), {}).update(columns)
+    return [(run, signals_of(columns)) for run, columns in found.items() if "t_ms" in columns]
+
+
+def _signal_names(campaign: Campaign, k: int) -> list[str]:
+    """Return the signals of a configuration, those that tell most first, without reading them."""
+    from vastflow.oracles.observation.trace import signal_name
+
+    stored: list[str] = []
+    for folder in ("recordings", "traces"):
+        file = campaign.directory.path / folder / f"{campaign.table.configurations[k]}.parquet"
+        if file.is_file():
+            names = pq.ParquetFile(file).schema_arrow.names[1:]
+            stored += [signal_name(n[:-3] if n.endswith((":d0", ":d1", ":d2")) else n) for n in names]
+    found = [name for name in dict.fromkeys(stored) if name not in _NO_SIGNALS]
+    return sorted(found, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))

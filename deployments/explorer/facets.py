@@ -1,0 +1,368 @@
+"""Views of selected runs: rates, facets, pages of configurations, points, and reasons."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.deployments.explorer.selection import (
+    Between,
+    Bools,
+    Column,
+    Filter,
+    RunTable,
+    Selections,
+    ValuesOf,
+    is_place,
+    number_text,
+)
+from vastflow.oracles.results.factors import MOST_LEVELS
+from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS
+from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap
+from vastflow.oracles.statistics.intervals import wilson_intervals
+
+Kind: TypeAlias = Literal["values", "numbers", "constant", "places"]
+
+BINS: Final = 24
+MOST_VALUES: Final = 12
+"""Values of a text that a facet lists; the most frequent of the selection."""
+MOST_REASONS: Final = 12
+_VERDICTS: Final = 3
+_NO_FACETS: Final = ("configuration", "run_index")
+_SHOWN_FACTORS: Final = 6
+_AXES: Final = ("factor", "path", "metric")
+_SAMPLE: Final = 1000
+_DIGITS: Final = 12
+"""Significant digits of a mean, which hide its rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Facet:
+    """A column cut into bins or values, so that counting one is a single pass.
+
+    Attributes:
+        edges: (BINS + 1,) of `numbers`; empty otherwise.
+        values: Texts of `values` and the one of `constant`, None for a missing value.
+        cells: (R,) index of the bin or value; missing numbers are in the bin after the last.
+    """
+
+    column: Column
+    kind: Kind
+    edges: NDArray[np.float64] = field(repr=False)
+    values: tuple[str | None, ...] = field(repr=False)
+    cells: NDArray[np.int64] = field(repr=False)
+
+
+def facet_of(column: Column) -> Facet:
+    """Return the facet of a column: few distinct numbers are values, more of them bins."""
+    none, nowhere = np.zeros(0), np.zeros(0, dtype=np.int64)
+    if column.levels is not None:
+        used = np.unique(np.where(column.values < 0, len(column.levels), column.values))  # missing ones come last
+        names: list[str | None] = [*column.levels, None]
+        names = [names[k] for k in used.tolist()]
+        if any(name is not None and is_place(name) for name in names[:2]) and len(used) > 1:
+            return Facet(column, "places", none, (), nowhere)
+        return _of_values(column, names, np.searchsorted(used, column.values % (len(column.levels) + 1)))
+    missing = ~np.isfinite(column.values)
+    finite = column.values[~missing]
+    # Sorting all of a hundred thousand numbers takes long, and a few of them mostly tell.
+    if len(np.unique(finite[:: max(len(finite) // _SAMPLE, 1)])) <= MOST_LEVELS:
+        known = np.unique(finite)
+        if len(known) <= MOST_LEVELS:
+            cells = np.where(missing, len(known), np.searchsorted(known, column.values))
+            return _of_values(column, [*map(number_text, known.tolist()), *([None] if missing.any() else [])], cells)
+    low, high = float(finite.min()), float(finite.max())
+    scaled = np.where(missing, low, column.values) - low
+    cells = np.clip((scaled * (BINS / (high - low))).astype(np.int64), 0, BINS - 1)
+    return Facet(column, "numbers", np.linspace(low, high, BINS + 1), (), np.where(missing, BINS, cells))
+
+
+def _of_values(column: Column, names: Sequence[str | None], cells: NDArray[Any]) -> Facet:
+    kind: Kind = "values" if len(names) > 1 else "constant"
+    return Facet(column, kind, np.zeros(0), tuple(names), cells.astype(np.int64))
+
+
+class Facets:
+    """Facets of a table's columns."""
+
+    def __init__(self, selections: Selections) -> None:
+        self.selections, self.table = selections, selections.table
+        self.facets = {name: facet_of(each) for name, each in self.table.columns.items() if name not in _NO_FACETS}
+
+    def json(self, chosen: Filter) -> dict[str, Any]:
+        """Return the counts of each facet among the runs that pass the conditions on the other columns."""
+        whole = self._chosen(chosen)
+        shown = []
+        for name, facet in self.facets.items():
+            if facet.kind in ("values", "numbers"):
+                runs = whole if chosen.of(name) is None else self._chosen(chosen.without(name))
+                shown.append(
+                    self._values(facet, runs, chosen) if facet.kind == "values" else self._numbers(facet, runs)
+                )
+        constant = [(name, facet) for name, facet in self.facets.items() if facet.kind == "constant"]
+        return {
+            "facets": shown,
+            "constant": [{"name": name, "value": next(iter(facet.values), None)} for name, facet in constant],
+            "places": [name for name, facet in self.facets.items() if facet.kind == "places"],
+        }
+
+    def varying(self, group: str | None = None) -> list[str]:
+        """Return the names of columns that vary and are no places, of one group or of all."""
+        kinds = ("values", "numbers")
+        return [n for n, each in self.facets.items() if each.kind in kinds and group in (None, each.column.group)]
+
+    def _chosen(self, chosen: Filter) -> NDArray[np.int64]:
+        return np.flatnonzero(self.selections.mask(chosen))
+
+    def _numbers(self, facet: Facet, runs: NDArray[np.int64]) -> dict[str, Any]:
+        counts = _counts(facet.cells[runs], self.table.verdict[runs], BINS + 1)
+        ends = {"low": float(facet.edges[0]), "high": float(facet.edges[-1])}
+        column = facet.column
+        return {
+            "name": column.name,
+            "group": column.group,
+            "unit": column.unit,
+            "kind": "numbers",
+            **ends,
+            "counts": counts[:BINS].tolist(),
+            "missing": int(counts[BINS].sum()),
+        }
+
+    def _values(self, facet: Facet, runs: NDArray[np.int64], chosen: Filter) -> dict[str, Any]:
+        cells, verdict = facet.cells[runs], self.table.verdict[runs]
+        counts = _counts(cells, verdict, len(facet.values))
+        order = np.arange(len(facet.values))
+        if len(order) > MOST_VALUES:
+            order = np.sort(np.argsort(-counts.sum(axis=1), kind="stable")[:MOST_VALUES])
+            condition = chosen.of(facet.column.name)
+            asked = condition.values if isinstance(condition, ValuesOf) else ()
+            order = np.union1d(order, [k for k, value in enumerate(facet.values) if value in asked]).astype(np.int64)
+        place = np.full(len(facet.values), -1)
+        place[order] = np.arange(len(order))
+        ends = rate_intervals(place[cells], verdict, self.table.configuration[runs], len(order))
+        shown = [
+            {"value": facet.values[k], **_counts_json(counts[k]), "interval": interval}
+            for k, interval in zip(order.tolist(), ends, strict=True)
+        ]
+        column = facet.column
+        return {
+            "name": column.name,
+            "group": column.group,
+            "unit": column.unit,
+            "kind": "values",
+            "values": shown,
+            "left_out": len(facet.values) - len(order),
+        }
+
+
+def _counts(cells: NDArray[np.int64], verdict: NDArray[np.int8], n: int) -> NDArray[np.int64]:
+    """Return the runs (n, 3) of each cell and verdict."""
+    return np.bincount(cells * _VERDICTS + verdict, minlength=n * _VERDICTS).reshape(n, _VERDICTS)
+
+
+def _counts_json(counts: NDArray[np.int64]) -> dict[str, Any]:
+    passed, failed, not_judged = counts.tolist()
+    return {"passed": passed, "failed": failed, "not_judged": not_judged, "rate": rate(passed, failed)}
+
+
+def rate(passed: int, failed: int) -> float | None:
+    """Return the success rate; None where nothing was judged."""
+    return passed / (passed + failed) if passed + failed else None
+
+
+def rate_intervals(
+    cells: NDArray[np.int64], verdict: NDArray[np.int8], configuration: NDArray[np.int64], n: int
+) -> list[list[float] | None]:
+    """Return intervals of the success rates of `n` cells, with configurations as clusters; None where nothing was judged.
+
+    The arithmetic is that of a map of failure rates, whose cells need not be places.
+
+    Args:
+        cells, verdict, configuration: (R,) of each run, in the order of configurations; a cell below 0 is none.
+    """
+    known = (cells >= 0) & (verdict != NOT_JUDGED)
+    first, last = (int(configuration[k]) if len(configuration) else 0 for k in (0, -1))
+    m = last + 1 - first
+    at = cells[known] * m + (configuration[known] - first)
+    visits, failures = (np.bincount(some, minlength=n * m).reshape(n, m) for some in (at, at[verdict[known] == FAIL]))
+    squares = np.stack([(a * b).sum(axis=1) for a, b in ((failures, failures), (failures, visits), (visits, visits))])
+    came, fell, of = (each[None] for each in (visits.sum(axis=1), failures.sum(axis=1), (visits > 0).sum(axis=1)))
+    found = FailureMap(FailureGrid((0.0, 0.0), 1.0, (1, n)), came, fell, of, squares[:, None])
+    ends = 1.0 - found.intervals()[0, :, ::-1]
+    return [pair if some else None for pair, some in zip(ends.tolist(), came[0].tolist(), strict=True)]
+
+
+def summary_json(table: RunTable, mask: Bools) -> dict[str, Any]:
+    """Return counts, rate, and interval of the selected runs."""
+    chosen = np.flatnonzero(mask)
+    verdict, configuration = table.verdict[chosen], table.configuration[chosen]
+    ends = rate_intervals(np.zeros(len(chosen), dtype=np.int64), verdict, configuration, 1)[0]
+    here = np.bincount(configuration, minlength=len(table.configurations)) > 0
+    return {
+        **_counts_json(np.bincount(verdict, minlength=_VERDICTS)),
+        "interval": ends,
+        "runs": len(chosen),
+        "all_runs": len(table),
+        "configurations": int(here.sum()),
+        "all_configurations": len(np.unique(table.configuration)),
+    }
+
+
+def by_configuration(table: RunTable, mask: Bools) -> NDArray[np.int64]:
+    """Return the selected runs (configurations, 3) of each configuration and verdict."""
+    return _counts(table.configuration[mask], table.verdict[mask], len(table.configurations))
+
+
+def rows_json(
+    table: RunTable, mask: Bools, shown: Sequence[str], sort: str, *, descending: bool, start: int, count: int
+) -> dict[str, Any]:
+    """Return a page of the selected configurations, sorted by a column of the page or any column of the table.
+
+    A number of a configuration is the mean of its selected runs, a text that of the first. Configurations without a value come last.
+
+    Raises:
+        BadFilter: a column that there is not.
+    """
+    counts = by_configuration(table, mask)
+    here = np.flatnonzero(counts.sum(axis=1))
+    counts = counts[here]
+    judged = counts[:, PASS] + counts[:, FAIL]
+    ends = wilson_intervals(counts[:, PASS], judged)
+    rates = np.where(judged > 0, counts[:, PASS] / np.maximum(judged, 1), np.nan)
+    given = {"rate": rates, "runs": counts.sum(axis=1), "failed": counts[:, FAIL], "not_judged": counts[:, NOT_JUDGED]}
+    runs = np.flatnonzero(mask)
+    names = list(dict.fromkeys([*shown, *([sort] if sort not in given and sort != "configuration" else [])]))
+    found = {name: _of_configurations(table, table.column(name), runs, here) for name in names}
+    keys = given.get(sort, here if sort == "configuration" else found[sort][0] if sort in found else here)
+    keys = keys.astype(np.float64)
+    order = np.lexsort((here, np.where(np.isnan(keys), 0.0, -keys if descending else keys), np.isnan(keys)))
+    page = order[start : start + count]
+    rows = [
+        {
+            "configuration": table.configurations[here[k]],
+            **_counts_json(counts[k]),
+            "interval": ends[k].tolist() if judged[k] else None,
+            "values": [_value(*found[name], k) for name in names],
+        }
+        for k in page.tolist()
+    ]
+    columns = [{"name": name, "unit": table.columns[name].unit, "text": found[name][1] is not None} for name in names]
+    return {"columns": columns, "rows": rows, "total": len(here), "start": start}
+
+
+def _of_configurations(
+    table: RunTable, column: Column, runs: NDArray[np.int64], here: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], tuple[str, ...] | None]:
+    """Return the mean, or the index of the first text, of each configuration (m,), NaN without one; and the texts."""
+    of, n = table.configuration[runs], len(table.configurations)
+    values = column.values[runs]
+    if column.levels is None:
+        known = np.isfinite(values)
+        sums = np.bincount(of[known], weights=values[known], minlength=n)
+        times = np.bincount(of[known], minlength=n)
+        return np.where(times > 0, sums / np.maximum(times, 1), np.nan)[here], None
+    # By the order of the texts, as a table is read.
+    order = np.argsort(np.argsort(np.array(column.levels, dtype=np.str_))) if column.levels else np.zeros(1)
+    first = np.full(n, -1, dtype=np.int64)
+    first[of[::-1]] = values[::-1]
+    ranks = np.where(first >= 0, order[first], np.nan)
+    return ranks[here], tuple(sorted(column.levels))
+
+
+def _value(values: NDArray[np.float64], texts: tuple[str, ...] | None, at: int) -> float | str | None:
+    value = float(values[at])
+    if np.isnan(value):
+        return None
+    return float(f"{value:.{_DIGITS}g}") if texts is None else texts[int(value)]
+
+
+def points(table: RunTable, mask: Bools, names: Sequence[str], most: int) -> tuple[dict[str, Any], list[NDArray[Any]]]:
+    """Return at most `most` selected runs, evenly chosen, in columns: a description, and arrays to follow it.
+
+    The arrays are float32 (n,) of each column, texts as indices into `levels`, NaN where missing; then uint8 verdicts, and int32 index
+    of the configuration and of the run.
+
+    Raises:
+        BadFilter: a column that there is not.
+    """
+    columns = [table.column(name) for name in names]
+    runs = np.flatnonzero(mask)
+    total = len(runs)
+    if total > most:
+        runs = runs[np.linspace(0, total - 1, most).astype(np.int64)]
+    shown, arrays = [], []
+    for column in columns:
+        values = column.values[runs].astype(np.float32)
+        levels = None
+        if column.levels is not None:
+            used = np.unique(column.values[runs])
+            used = used[used >= 0]
+            levels = [column.levels[k] for k in used.tolist()]
+            values = np.where(values < 0, np.nan, np.searchsorted(used, column.values[runs])).astype(np.float32)
+        shown.append({"name": column.name, "unit": column.unit, "levels": levels})
+        arrays.append(values)
+    of, place = np.unique(table.configuration[runs], return_inverse=True)
+    header = {
+        "columns": shown,
+        "total": total,
+        "shown": len(runs),
+        "configurations": [table.configurations[k] for k in of.tolist()],
+    }
+    own: list[NDArray[Any]] = [place.astype(np.int32), table.run_index[runs].astype(np.int32)]
+    return header, [*arrays, *own, table.verdict[runs].astype(np.uint8)]
+
+
+def varying_of(table: RunTable, mask: Bools, names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Part columns into those with several values among the selected runs, and those with one."""
+    several: list[str] = []
+    one: list[str] = []
+    for name in names:
+        values = table.columns[name].values[mask]
+        known = values[~np.isnan(values)] if table.columns[name].levels is None else values
+        (several if len(known) and (known != known[0]).any() else one).append(name)
+    return several, one
+
+
+def reasons_json(table: RunTable, mask: Bools) -> dict[str, Any]:
+    """Return the causes and reasons of the selected failed runs, the most frequent first, each with an example."""
+    runs = np.flatnonzero(mask & (table.verdict == FAIL))
+    return {"failed": len(runs), **{name: _most_frequent(table, name, runs) for name in ("cause", "reason")}}
+
+
+def _most_frequent(table: RunTable, name: str, runs: NDArray[np.int64]) -> dict[str, Any]:
+    column = table.columns.get(name)
+    if column is None or column.levels is None:  # of an earlier version
+        return {"rows": [], "left_out": 0}
+    values = column.values[runs]
+    found, first, times = np.unique(values, return_index=True, return_counts=True)
+    order = np.argsort(-times, kind="stable")
+    rows = [
+        {
+            "value": column.levels[found[k]] if found[k] >= 0 else None,
+            "runs": int(times[k]),
+            "configurations": len(np.unique(table.configuration[runs[values == found[k]]])),
+            "configuration": table.configurations[table.configuration[runs[first[k]]]],
+            "run": int(table.run_index[runs[first[k]]]),
+        }
+        for k in order[:MOST_REASONS].tolist()
+    ]
+    return {"rows": rows, "left_out": len(found) - len(rows)}
+
+
+def default_columns(facets: Facets) -> list[str]:
+    """Return the factors that a table of configurations shows at first."""
+    return facets.varying("factor")[:_SHOWN_FACTORS]
+
+
+def axes_of(facets: Facets, chosen: Filter) -> list[str]:
+    """Return the columns of parallel coordinates: those of the filter's ranges first, then factors and metrics."""
+    asked = [each.column for each in chosen.conditions if isinstance(each, Between)]
+    return list(dict.fromkeys([*asked, *(name for group in _AXES for name in facets.varying(group))]))
+
+
+def column_list(facets: Facets) -> list[Mapping[str, Any]]:
+    """Return the columns that axes can have, by group."""
+    columns = facets.table.columns
+    return [{"name": n, "group": columns[n].group, "unit": columns[n].unit} for n in facets.varying()]

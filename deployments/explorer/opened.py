@@ -1,0 +1,116 @@
+"""Opened campaigns: their tables in memory, a few at a time, read anew when a file changes."""
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
+from vastflow.deployments.explorer.facets import Facets
+from vastflow.deployments.explorer.selection import WIDE_FILE, RunTable, Selections, read_run_table
+from vastflow.deployments.explorer.trajectories import Trajectories
+from vastflow.oracles.results.schema import table_rows
+from vastflow.oracles.results.tables import FAIL
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
+
+Stamp: TypeAlias = tuple[tuple[int, int, int], ...]
+
+_KEPT: Final = 2
+_CONFIGURATIONS: Final = "configurations.parquet"
+_FILES: Final = ("metadata.json", _CONFIGURATIONS, "runs.parquet", "verdicts.parquet", WIDE_FILE)
+_MAP_COLUMN: Final = "map_file"
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """A campaign directory's runs, ready for requests.
+
+    Attributes:
+        trajectories: With the environment of each of the table's configurations.
+    """
+
+    directory: CampaignDirectory
+    stamp: Stamp
+    table: RunTable = field(repr=False)
+    selections: Selections = field(repr=False)
+    facets: Facets = field(repr=False)
+    trajectories: Trajectories = field(repr=False)
+
+    @cached_property
+    def maps(self) -> list[dict[str, Any]]:
+        """Environments with the name of their map and the numbers of their runs, most failures first."""
+        table, names = self.table, self.table.columns.get(_MAP_COLUMN)
+        of = self.trajectories.environments[table.configuration]
+        found = []
+        for environment in np.unique(of[of != ""]).tolist():
+            runs = np.flatnonzero(of == environment)
+            known = (
+                names.levels[names.values[runs[0]]] if names and names.levels and names.values[runs[0]] >= 0 else None
+            )
+            failed = int((table.verdict[runs] == FAIL).sum())
+            found.append({"id": environment, "name": known or environment[:8], "runs": len(runs), "failed": failed})
+        return sorted(found, key=lambda each: -each["failed"])
+
+
+class OpenedCampaigns:
+    """The campaigns that were asked for last."""
+
+    def __init__(self, directories: Directories) -> None:
+        self._directories = directories
+        self._opened: OrderedDict[str, Campaign] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def find(self, id: str) -> CampaignDirectory:
+        """Return a campaign's directory; raises `NoSuchCampaign`."""
+        return self._directories.find(id)
+
+    def of(self, id: str) -> Campaign:
+        """Return a campaign with its tables.
+
+        Raises:
+            NoSuchCampaign: there is none.
+            UnusableDirectory: it has no runs yet, or a table is damaged.
+        """
+        directory = self.find(id)
+        with self._lock:
+            stamp = _stamp(directory.path)
+            known = self._opened.get(id)
+            if known is not None and known.stamp == stamp and known.directory.path == directory.path:
+                self._opened.move_to_end(id)
+                return known
+            if known is not None:
+                self._opened.pop(id).trajectories.close()
+            self._opened[id] = found = _opened(directory, stamp)
+            while len(self._opened) > _KEPT:
+                self._opened.popitem(last=False)[1].trajectories.close()
+            return found
+
+
+def _opened(directory: CampaignDirectory, stamp: Stamp) -> Campaign:
+    path = directory.path
+    if not (path / _CONFIGURATIONS).is_file():
+        words = "it is still running" if directory.state == "running" else "its tables were not written"
+        raise UnusableDirectory(f"{path.name}: expected the tables of a finished campaign, but {words}")
+    with reading(path):
+        table = read_run_table(path)
+        rows = table_rows(path / _CONFIGURATIONS, "name", "environment")
+        environments = {row["name"]: row["environment"] for row in rows}
+        trajectories = Trajectories(path, table, [environments.get(name) for name in table.configurations])
+        selections = Selections(table)
+        return Campaign(directory, stamp, table, selections, Facets(selections), trajectories)
+
+
+def _stamp(path: Path) -> Stamp:
+    """Return size, time, and number of each table's file; zeros for one that is missing."""
+    found = []
+    for name in _FILES:
+        try:
+            status = (path / name).stat()
+            found.append((status.st_size, status.st_mtime_ns, status.st_ino))
+        except OSError:
+            found.append((0, 0, 0))
+    return tuple(found)

@@ -1,0 +1,392 @@
+"""Selections of a campaign's runs: filters as canonical text, and masks of the runs that pass them."""
+
+import json
+import math
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias
+from urllib.parse import quote, unquote
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from vastflow.oracles.evidence.varied import MEASURED, PATH_PROPERTIES
+from vastflow.oracles.results.schema import floats, integers, read_columns
+from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS, read_tables
+from vastflow.sim.model.faults import UserError
+
+Group: TypeAlias = Literal["run", "verdict", "metric", "factor", "path"]
+Bools: TypeAlias = NDArray[np.bool_]
+
+WIDE_FILE: Final = "runs_wide.parquet"
+"""See `vastflow.oracles.evidence.wide`, whose import takes a second."""
+PASSED: Final = "passed"
+RUN_COLUMNS: Final = ("family", "outcome", "cause", "reason", "stood_still", "simulated_s", "distance_m", "recoveries")
+RUN_COUNTS: Final = ("missed_goals", "contacts", "configuration", "run_index")
+JUDGED: Final = ("pass", "fail")
+"""Levels of a verdict; a run that was not judged has none."""
+
+PATH_COLUMNS: Final = (*MEASURED.values(), *PATH_PROPERTIES.values())
+"""Numbers that follow from a drawn path, and that nobody chose."""
+_UNITS: Final[Mapping[str, str]] = {"simulated_s": "s", "distance_m": "m"}
+_MISSING: Final = "!"
+_SAFE: Final = " ()/,"
+"""Characters of names that are left readable besides letters, digits, and `-._~`."""
+_KEPT_MASKS: Final = 96
+
+
+class BadFilter(UserError, ValueError):
+    """A filter's text that can't be read, or that names no column of the campaign."""
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column over the runs, of numbers or of texts.
+
+    Attributes:
+        values: (R,) numbers, NaN where missing; or indices into `levels`, -1 where missing.
+        levels: Distinct texts; None for numbers.
+    """
+
+    name: str
+    group: Group
+    unit: str
+    values: NDArray[Any] = field(repr=False)
+    levels: tuple[str, ...] | None = field(default=None, repr=False)
+
+    @property
+    def missing(self) -> Bools:
+        """(R,) whether a run has no value."""
+        return np.asarray(np.isnan(self.values) if self.levels is None else self.values < 0)
+
+
+@dataclass(frozen=True, eq=False)
+class RunTable:
+    """The runs of a campaign, in columns by name.
+
+    Attributes:
+        verdict: (R,) codes `PASS`, `FAIL`, `NOT_JUDGED` of all oracles together.
+        configuration: (R,) index into `configurations`.
+    """
+
+    columns: Mapping[str, Column] = field(repr=False)
+    verdict: NDArray[np.int8] = field(repr=False)
+    configuration: NDArray[np.int64] = field(repr=False)
+    configurations: tuple[str, ...] = field(repr=False)
+    run_index: NDArray[np.int64] = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.verdict)
+
+    def column(self, name: str) -> Column:
+        """Return a column by its name.
+
+        Raises:
+            BadFilter: the campaign has none of this name.
+        """
+        if name not in self.columns:
+            raise BadFilter(f"expected a column of this campaign, got {name!r}")
+        return self.columns[name]
+
+
+@dataclass(frozen=True, slots=True)
+class ValuesOf:
+    """Runs that have one of some values; None is a missing value, and numbers are in their shortest form."""
+
+    column: str
+    values: tuple[str | None, ...]
+
+    def __post_init__(self) -> None:
+        """Put the values in order."""
+        ordered = sorted(dict.fromkeys(self.values), key=lambda value: (value is None, value or ""))
+        object.__setattr__(self, "values", tuple(ordered))
+        if not ordered:
+            raise BadFilter(f"{self.column}: expected a value, got none")
+
+
+@dataclass(frozen=True, slots=True)
+class Between:
+    """Runs whose number is within a range, ends included; None is an open end."""
+
+    column: str
+    low: float | None
+    high: float | None
+
+    def __post_init__(self) -> None:
+        """Check the ends, and turn -0 into 0."""
+        if self.low is None and self.high is None:
+            raise BadFilter(f"{self.column}: expected a range with an end, got none")
+        for name in ("low", "high"):
+            end = getattr(self, name)
+            if end is not None and not math.isfinite(end):
+                raise BadFilter(f"{self.column}: expected a finite number, got {end}")
+            object.__setattr__(self, name, None if end is None else float(end) + 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Containing:
+    """Runs whose text has a part."""
+
+    column: str
+    part: str
+
+
+Condition: TypeAlias = ValuesOf | Between | Containing
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """Conditions that a run has to meet, at most one a column, in the order of their columns."""
+
+    conditions: tuple[Condition, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Sort the conditions by column."""
+        names = [each.column for each in self.conditions]
+        if len({*names}) < len(names):
+            raise BadFilter("expected one condition for each column, got two")
+        object.__setattr__(self, "conditions", tuple(sorted(self.conditions, key=lambda each: each.column)))
+
+    def without(self, column: str) -> "Filter":
+        """Return the filter without the condition of a column."""
+        return Filter(tuple(each for each in self.conditions if each.column != column))
+
+    def of(self, column: str) -> Condition | None:
+        """Return the condition of a column."""
+        return next((each for each in self.conditions if each.column == column), None)
+
+
+def format_filter(chosen: Filter) -> str:
+    """Return the canonical text: `noise=0.1|0.4;passed=fail;safety.margin (m):..0.2;configuration*office`."""
+    return ";".join(map(_condition_text, chosen.conditions))
+
+
+def parse_filter(text: str) -> Filter:
+    """Read the text of a filter, its conditions in any order.
+
+    Raises:
+        BadFilter: a condition that is none.
+    """
+    return Filter(tuple(_condition(part) for part in text.split(";") if part))
+
+
+def number_text(value: float) -> str:
+    """Return the shortest text that is read as the same number."""
+    return repr(value + 0.0).removesuffix(".0")
+
+
+def _condition_text(condition: Condition) -> str:
+    name = quote(condition.column, safe=_SAFE)
+    if isinstance(condition, Containing):
+        return f"{name}*{quote(condition.part, safe=_SAFE)}"
+    if isinstance(condition, ValuesOf):
+        return f"{name}={'|'.join(_MISSING if v is None else quote(v, safe=_SAFE) for v in condition.values)}"
+    low, high = ("" if end is None else number_text(end) for end in (condition.low, condition.high))
+    return f"{name}:{low}..{high}"
+
+
+def _condition(text: str) -> Condition:
+    at = next((k for k, character in enumerate(text) if character in "=:*"), None)
+    if at is None:
+        raise BadFilter(f"expected column=value, column:low..high, or column*part, got {text!r}")
+    column, sign, rest = unquote(text[:at]), text[at], text[at + 1 :]
+    if sign == "*":
+        return Containing(column, unquote(rest))
+    if sign == "=":
+        return ValuesOf(column, tuple(None if value == _MISSING else unquote(value) for value in rest.split("|")))
+    ends = rest.split("..")
+    try:
+        low, high = (float(end) if end else None for end in ends)
+    except ValueError:
+        raise BadFilter(f"{column}: expected low..high, got {rest!r}") from None
+    return Between(column, low, high)
+
+
+class Selections:
+    """The runs of a table that pass filters; masks (R,) are kept for some conditions."""
+
+    def __init__(self, table: RunTable) -> None:
+        self.table = table
+        self._masks: OrderedDict[object, Bools] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def mask(self, chosen: Filter) -> Bools:
+        """Return which runs (R,) pass a filter; not to be written to.
+
+        Raises:
+            BadFilter: a column that there is not, or a condition that does not suit its column.
+        """
+        if len(chosen.conditions) == 1:
+            return self._kept(chosen.conditions[0], lambda: mask_of(self.table, chosen.conditions[0]))
+        return self._kept(chosen, lambda: self._joined(chosen))
+
+    def _joined(self, chosen: Filter) -> Bools:
+        joined = np.ones(len(self.table), dtype=np.bool_)
+        for condition in chosen.conditions:
+            joined &= self.mask(Filter((condition,)))
+        return joined
+
+    def _kept(self, key: object, made: Callable[[], Bools]) -> Bools:
+        with self._lock:
+            if key in self._masks:
+                self._masks.move_to_end(key)
+                return self._masks[key]
+        mask = made()
+        with self._lock:
+            self._masks[key] = mask
+            while len(self._masks) > _KEPT_MASKS:
+                self._masks.popitem(last=False)
+        return mask
+
+
+def mask_of(table: RunTable, condition: Condition) -> Bools:
+    """Return which runs (R,) of a table meet a condition.
+
+    Raises:
+        BadFilter: as `Selections.mask`.
+    """
+    column = table.column(condition.column)
+    if isinstance(condition, Between):
+        if column.levels is not None:
+            raise BadFilter(f"{column.name}: expected values of a text, got a range")
+        low, high = (
+            end if end is not None else sign for end, sign in ((condition.low, -np.inf), (condition.high, np.inf))
+        )
+        return np.asarray((column.values >= low) & (column.values <= high))
+    if isinstance(condition, Containing):
+        if column.levels is None:
+            raise BadFilter(f"{column.name}: expected a range of numbers, got a part of a text")
+        return _of_levels(column, [condition.part in level for level in column.levels], missing=False)
+    missing, given = None in condition.values, {value for value in condition.values if value is not None}
+    if column.levels is not None:
+        return _of_levels(column, [level in given for level in column.levels], missing=missing)
+    try:
+        numbers = np.array([float(value) for value in given])
+    except ValueError:
+        raise BadFilter(f"{column.name}: expected numbers, got {', '.join(sorted(given))}") from None
+    return np.asarray(np.isin(column.values, numbers) | (column.missing if missing else False))
+
+
+def _of_levels(column: Column, chosen: Sequence[bool], *, missing: bool) -> Bools:
+    """Return the runs of chosen levels; index -1, of missing values, is the last place."""
+    return np.asarray(np.array([*chosen, missing], dtype=np.bool_)[column.values])
+
+
+def read_run_table(directory: Path) -> RunTable:
+    """Read the runs of a campaign directory; where `runs_wide.parquet` is missing they are joined from the other tables.
+
+    Raises:
+        OSError, ValueError: a table that is missing or damaged.
+    """
+    if (directory / WIDE_FILE).is_file():
+        return run_table_of(read_columns(directory / WIDE_FILE))
+    from vastflow.oracles.evidence.wide import wide_table
+
+    return run_table_of(pa.Table.from_pandas(wide_table(read_tables(directory)), preserve_index=False))
+
+
+def run_table_of(found: pa.Table) -> RunTable:
+    """Return the columns of a wide table, see `vastflow.oracles.evidence.wide`.
+
+    Raises:
+        ValueError: a column that every such table has is missing.
+    """
+    if lacking := [name for name in ("configuration", "run_index", PASSED) if name not in found.column_names]:
+        raise ValueError(f"{WIDE_FILE}: expected a column {lacking[0]!r}, got none")
+    oracles = [name.removeprefix(f"{PASSED}.") for name in found.column_names if name.startswith(f"{PASSED}.")]
+    columns = {name: _column(name, found[name], oracles) for name in found.column_names}
+    names, joint = columns["configuration"], columns[PASSED].values
+    return RunTable(
+        columns,
+        np.where(joint < 0, NOT_JUDGED, np.where(joint == 0, PASS, FAIL)).astype(np.int8),
+        names.values.astype(np.int64),
+        names.levels or (),
+        integers(found["run_index"]),
+    )
+
+
+def _column(name: str, column: Any, oracles: Sequence[str]) -> Column:
+    group = _group(name, oracles)
+    unit = name[name.rindex(" (") + 2 : -1] if name.endswith(")") and " (" in name else _UNITS.get(name, "")
+    if pa.types.is_boolean(column.type):
+        passed = floats(pc.cast(column, pa.uint8()))
+        return Column(name, group, "", np.where(np.isnan(passed), -1, 1 - passed).astype(np.int8), JUDGED)
+    if pa.types.is_dictionary(column.type) or pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        encoded = pc.dictionary_encode(pc.cast(column, pa.string())).combine_chunks()
+        at = floats(encoded.indices)
+        return Column(
+            name, group, "", np.where(np.isnan(at), -1, at).astype(np.int32), tuple(encoded.dictionary.to_pylist())
+        )
+    return Column(name, group, unit, floats(column))
+
+
+def _group(name: str, oracles: Sequence[str]) -> Group:
+    if name in RUN_COLUMNS + RUN_COUNTS:
+        return "run"
+    if name == PASSED or name in [f"{PASSED}.{oracle}" for oracle in oracles]:
+        return "verdict"
+    if any(name.startswith(f"{oracle}.") for oracle in oracles):
+        return "metric"
+    return "path" if name in PATH_COLUMNS else "factor"
+
+
+def python_of(table: RunTable, chosen: Filter, directory: Path) -> str:
+    """Return a pandas program that selects the same runs from the campaign directory's table.
+
+    Where the directory has no `runs_wide.parquet`, the program needs vastflow to join one.
+    """
+    if (directory / WIDE_FILE).is_file():
+        lines = ["import pandas as pd", "", f"runs = pd.read_parquet({str(directory / WIDE_FILE)!r})"]
+    else:
+        lines = [
+            "from pathlib import Path",
+            "",
+            "from vastflow.oracles.evidence.wide import wide_table",
+            "from vastflow.oracles.results.tables import read_tables",
+            "",
+            f"runs = wide_table(read_tables(Path({str(directory)!r})))",
+        ]
+    parts = [_expression(table.column(each.column), each) for each in chosen.conditions]
+    joined = "\n    & ".join(f"({part})" for part in parts)
+    lines.append(f"selection = runs[\n    {joined}\n]" if parts else "selection = runs")
+    return "\n".join([*lines, ""])
+
+
+def _expression(column: Column, condition: Condition) -> str:
+    name = f"runs[{condition.column!r}]"
+    if isinstance(condition, Between):
+        ends = (("ge", condition.low), ("le", condition.high))
+        return " & ".join(f"{name}.{sign}({end!r})" for sign, end in ends if end is not None)
+    if isinstance(condition, Containing):
+        return f'{name}.astype("string").str.contains({condition.part!r}, regex=False).fillna(False)'
+    given = [value for value in condition.values if value is not None]
+    values: list[Any] = given if column.levels is not None else [float(value) for value in given]
+    if column.group == "verdict":
+        values = [value == JUDGED[0] for value in given if value in JUDGED]
+    parts = [f"{name}.isin({values!r})"] if given else []
+    return " | ".join(parts + ([f"{name}.isna()"] if None in condition.values else []))
+
+
+def condition_json(condition: Condition) -> dict[str, Any]:
+    """Return a condition as the page reads it."""
+    if isinstance(condition, ValuesOf):
+        return {"column": condition.column, "values": list(condition.values)}
+    if isinstance(condition, Containing):
+        return {"column": condition.column, "part": condition.part}
+    return {"column": condition.column, "low": condition.low, "high": condition.high}
+
+
+def is_place(level: str) -> bool:
+    """True if a text is a JSON object or list, such as a pose, which no one filters by."""
+    if not level.startswith(("{", "[")):
+        return False
+    try:
+        json.loads(level)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,292 @@
+"""Recorded paths of a campaign, read in the background, and what selected runs show on a map."""
+
+import io
+import threading
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.deployments.explorer.selection import Bools, RunTable
+from vastflow.oracles.results.tables import FAIL, NOT_JUDGED
+from vastflow.oracles.statistics.failure_map import LAST_M, MINIMUM_VISITS, FailureGrid, grid_over
+from vastflow.sim.model.blocks import read_columns
+from vastflow.sim.model.recording import si
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
+
+Layer: TypeAlias = Literal["paths", "ends", "rate"]
+LAYERS: Final[tuple[Layer, ...]] = ("paths", "ends", "rate")
+
+STEP_M: Final = 0.2
+"""Distance between the points of a path that are kept."""
+MOST_PATHS: Final = 2000
+MOST_ENDS: Final = 4000
+CELL_M: Final = 0.25
+_PICTURE_MARGIN_CELLS: Final = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Paths of recorded runs, one after another.
+
+    Attributes:
+        row: (K,) index of the run in the table.
+        starts: (K + 1,) index of each run's first point, and N.
+        xy_m: (N, 2) float32, a point every `STEP_M` and the last.
+        cell_starts: (K + 1,) index of each run's first cell, and M.
+        cells: (M,) int32, each cell of the grid that a run visits, once.
+        ended: (M,) whether the cell is on the last half meter of the path.
+    """
+
+    row: NDArray[np.int64] = field(repr=False)
+    starts: NDArray[np.int64] = field(repr=False)
+    xy_m: NDArray[np.float32] = field(repr=False)
+    cell_starts: NDArray[np.int64] = field(repr=False)
+    cells: NDArray[np.int32] = field(repr=False)
+    ended: Bools = field(repr=False)
+
+
+def paths_of(row: NDArray[np.int64], starts: NDArray[np.int64], xy_m: NDArray[np.float64], grid: FailureGrid) -> Paths:
+    """Thin the paths of runs, none of which is empty.
+
+    Args:
+        row: (K,) index of each run in the table.
+        starts: (K + 1,) index of each run's first position, and P.
+        xy_m: (P, 2) recorded positions.
+    """
+    lengths = np.diff(starts)
+    run = np.repeat(np.arange(len(row)), lengths)
+    steps_m = np.zeros(len(xy_m))
+    steps_m[1:] = np.hypot(*np.diff(xy_m, axis=0).T)
+    steps_m[starts[:-1]] = 0.0
+    along_m = np.cumsum(steps_m)
+    along_m -= along_m[starts[:-1]][run]
+    keep = np.ones(len(xy_m), dtype=np.bool_)
+    keep[1:] = np.diff(np.floor(along_m / STEP_M)) != 0
+    keep[starts[:-1]] = keep[starts[1:] - 1] = True
+    cell, cells = grid.cells(xy_m), grid.shape[0] * grid.shape[1]
+    key, inside = run * cells + cell, cell >= 0
+    visited = np.unique(key[inside])
+    last = np.unique(key[inside & (along_m[starts[1:] - 1][run] - along_m <= LAST_M)])
+    return Paths(
+        row,
+        np.r_[0, np.cumsum(np.bincount(run[keep], minlength=len(row)))],
+        xy_m[keep].astype(np.float32),
+        np.r_[0, np.cumsum(np.bincount(visited // cells, minlength=len(row)))],
+        (visited % cells).astype(np.int32),
+        np.isin(visited, last),
+    )
+
+
+def joined(parts: Sequence[Paths]) -> Paths:
+    """Return the paths of several configurations as one."""
+
+    def stacked(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    def offsets(name: str) -> NDArray[np.int64]:
+        return np.asarray(np.r_[0, np.cumsum(np.concatenate([np.diff(getattr(part, name)) for part in parts]))])
+
+    return Paths(
+        stacked("row"), offsets("starts"), stacked("xy_m"), offsets("cell_starts"), stacked("cells"), stacked("ended")
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """A map, its known part, and the grid over it.
+
+    Attributes:
+        known: Rows and columns of the known part.
+    """
+
+    occupancy: OccupancyMap
+    known: tuple[slice, slice]
+    grid: FailureGrid
+
+    def json(self) -> dict[str, Any]:
+        """Return where the picture lies: its lowest corner before it is turned about the map's origin, and its size."""
+        (rows, columns), cell_m = self.known, self.occupancy.resolution_m
+        x_m, y_m = self.occupancy.origin_xy_m
+        return {
+            "x": x_m + columns.start * cell_m,
+            "y": y_m + rows.start * cell_m,
+            "width": (columns.stop - columns.start) * cell_m,
+            "height": (rows.stop - rows.start) * cell_m,
+            "origin": [x_m, y_m],
+            "yaw": self.occupancy.yaw_rad,
+            "extent": list(self.grid.extent_m),
+        }
+
+    def png(self) -> bytes:
+        """Return the known part as a picture: walls gray, unknown cells faint, and free ones clear, for any background."""
+        from PIL import Image
+
+        cells = self.occupancy.cells[self.known][::-1]
+        picture = np.zeros((*cells.shape, 2), dtype=np.uint8)
+        picture[..., 0] = 128
+        picture[..., 1] = np.select([cells == 0, cells < 0], [0, 40], 210)
+        out = io.BytesIO()
+        Image.fromarray(picture, "LA").save(out, "PNG")
+        return out.getvalue()
+
+
+def floor_of(directory: Path, environment: str) -> Floor:
+    """Read the map of an environment.
+
+    Raises:
+        ValueError: the map is missing or damaged.
+    """
+    from vastflow.oracles.figures.scene import known_cells, known_extent_m
+
+    occupancy = load_map(directory / "environments" / environment / "map.yaml")
+    x0, x1, y0, y1 = known_extent_m(occupancy, CELL_M)
+    return Floor(occupancy, known_cells(occupancy), grid_over(x0, y0, x1, y1, CELL_M))
+
+
+def read_paths(directory: Path, table: RunTable, configuration: int, grid: FailureGrid) -> Paths | None:
+    """Read the paths of a configuration; None where nothing was recorded.
+
+    Raises:
+        OSError, ValueError: a damaged recording.
+    """
+    file = directory / "recordings" / f"{table.configurations[configuration]}.parquet"
+    if not file.is_file():
+        return None
+    index, columns = read_columns(file, ("x_mm", "y_mm"))
+    first, last = np.searchsorted(table.configuration, (configuration, configuration + 1))
+    own = table.run_index[first:last]
+    keep = np.isin(index, own)  # a run that was recorded and is not in the table is of no use here
+    index = index[keep]
+    if not len(index):
+        return None
+    starts = np.r_[0, np.flatnonzero(np.diff(index)) + 1, len(index)]
+    xy_m = np.column_stack([si(columns[name][keep]) for name in ("x_mm", "y_mm")])
+    return paths_of(first + np.searchsorted(own, index[starts[:-1]]), starts, xy_m, grid)
+
+
+@dataclass
+class _Reading:
+    """One environment while it is read."""
+
+    configurations: NDArray[np.int64]
+    floor: Floor | None = None
+    problem: str = ""
+    done: int = 0
+    damaged: int = 0
+    parts: list[Paths] = field(default_factory=list)
+
+
+class Trajectories:
+    """The paths of a campaign by environment, read by a thread of its own, each environment once it was asked for.
+
+    Args:
+        environments: (configurations,) digest of each configuration's map, None without one.
+    """
+
+    def __init__(self, directory: Path, table: RunTable, environments: Sequence[str | None]) -> None:
+        self._directory, self._table = directory, table
+        self.environments = np.array([each or "" for each in environments], dtype=np.str_)
+        self._readings: dict[str, _Reading] = {}
+        self._changed = threading.Condition()
+        self._closed = False
+
+    def close(self) -> None:
+        """End the thread."""
+        self._closed = True
+
+    def read(self, environment: str, wait_s: float) -> _Reading:
+        """Return what was read of an environment, and begin to read it; waits for its map and for some of its paths."""
+        with self._changed:
+            if environment not in self._readings:
+                of = np.flatnonzero(self.environments == environment)
+                self._readings[environment] = _Reading(of)
+                threading.Thread(target=self._run, args=(environment,), daemon=True).start()
+            reading = self._readings[environment]
+            self._changed.wait_for(lambda: reading.problem or reading.done == len(reading.configurations), wait_s)
+            if len(reading.parts) > 1:
+                reading.parts = [joined(reading.parts)]
+            return _Reading(
+                reading.configurations, reading.floor, reading.problem, reading.done, reading.damaged, [*reading.parts]
+            )
+
+    def _run(self, environment: str) -> None:
+        reading = self._readings[environment]
+        try:
+            reading.floor = floor_of(self._directory, environment)
+        except (OSError, ValueError) as error:
+            with self._changed:
+                reading.problem = " ".join(str(error).split())
+                self._changed.notify_all()
+            return
+        # Evenly spread, so that a part of them shows the whole.
+        order = np.argsort(np.arange(len(reading.configurations)) * _GOLDEN % 1.0)
+        for k in reading.configurations[order].tolist():
+            if self._closed:
+                return
+            found, damaged = None, 1
+            with suppress(OSError, ValueError, LookupError, TypeError, ArithmeticError):
+                found, damaged = read_paths(self._directory, self._table, k, reading.floor.grid), 0
+            with self._changed:
+                reading.done += 1
+                reading.damaged += damaged
+                if found is not None:
+                    reading.parts.append(found)
+                if reading.done == len(reading.configurations):
+                    self._changed.notify_all()
+
+
+_GOLDEN: Final = 0.6180339887498949
+
+
+def layer(
+    paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: Layer
+) -> tuple[Mapping[str, Any], list[NDArray[Any]]]:
+    """Return a layer of the map: a description, and arrays to follow it.
+
+    `paths` of few runs are lines: float32 xy (N, 2), int32 starts (K + 1,). `ends` of few runs are points: float32 xy (K, 2). Both are
+    followed by int32 index of the configuration and of the run, and uint8 verdict, (K,) each. Else it is a grid: uint32 (H, W) runs and
+    failed runs in each cell. In a grid of `rate` a run failed where its path ends.
+    """
+    chosen = np.flatnonzero(mask[paths.row])
+    total = len(chosen)
+    header = {"layer": shown, "runs": total, "minimum": MINIMUM_VISITS, "grid": grid_json(grid)}
+    if shown == "rate" or total > (MOST_PATHS if shown == "paths" else MOST_ENDS):
+        return {**header, "form": "grid"}, _grid(paths, table, mask, grid, shown)
+    lengths = np.diff(paths.starts)[chosen]
+    if shown == "ends":
+        xy_m = paths.xy_m[paths.starts[chosen + 1] - 1]
+        arrays: list[NDArray[Any]] = [xy_m]
+    else:
+        at = np.repeat(paths.starts[chosen] - np.r_[0, np.cumsum(lengths)[:-1]], lengths) + np.arange(lengths.sum())
+        arrays = [paths.xy_m[at], np.r_[0, np.cumsum(lengths)].astype(np.int32)]
+    of, place = np.unique(table.configuration[paths.row[chosen]], return_inverse=True)
+    names = [table.configurations[k] for k in of.tolist()]
+    own: list[NDArray[Any]] = [place.astype(np.int32), table.run_index[paths.row[chosen]].astype(np.int32)]
+    verdict = table.verdict[paths.row[chosen]].astype(np.uint8)
+    return {**header, "form": "runs", "configurations": names, "points": len(arrays[0])}, [*arrays, *own, verdict]
+
+
+def grid_json(grid: FailureGrid) -> dict[str, Any]:
+    """Return a grid as the page reads it."""
+    return {"origin": list(grid.origin_xy_m), "cell": grid.cell_m, "rows": grid.shape[0], "columns": grid.shape[1]}
+
+
+def _grid(paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: Layer) -> list[NDArray[Any]]:
+    verdict, chosen = table.verdict[paths.row], mask[paths.row]
+    if shown == "rate":
+        chosen = chosen & (verdict != NOT_JUDGED)
+    failed, cells = chosen & (verdict == FAIL), grid.shape[0] * grid.shape[1]
+    if shown == "ends":
+        at = grid.cells(paths.xy_m[paths.starts[1:] - 1].astype(np.float64))
+        here = [at[some & (at >= 0)] for some in (chosen, failed)]
+    else:
+        lengths = np.diff(paths.cell_starts)
+        fell = np.repeat(failed, lengths)
+        here = [paths.cells[np.repeat(chosen, lengths)], paths.cells[fell & paths.ended if shown == "rate" else fell]]
+    return [np.bincount(each, minlength=cells).astype(np.uint32) for each in here]

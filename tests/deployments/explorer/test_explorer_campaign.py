@@ -1,0 +1,224 @@
+"""The pages of campaigns and configurations, and what they ask the server for."""
+
+import io
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from table import each_row
+
+from vastflow.oracles.evidence.wide import WIDE_FILE, wide_table, write_wide
+from vastflow.oracles.results.tables import read_tables
+
+FAMILIES = {"easy": [0, 0, 1], "hard": [4, 2]}
+
+
+@pytest.fixture
+def campaign(add_campaign, id_of):
+    """A campaign of five configurations and twenty runs, seven of which failed; its id and directory."""
+    directory = add_campaign(3, FAMILIES)
+    write_wide(directory, wide_table(read_tables(directory)))
+    return id_of(directory), directory
+
+
+def arrays_of(content):
+    """A reply of arrays: its line of JSON, and the arrays."""
+    line, _, rest = content.partition(b"\n")
+    header, at, found = json.loads(line), 0, []
+    for told in header["arrays"]:
+        found.append(np.frombuffer(rest, told["type"], told["length"], at))
+        at += found[-1].nbytes
+    assert at == len(rest)
+    return header, found
+
+
+def read_whole(client, address, **query):
+    """The reply of paths once all are read."""
+    for _ in range(200):
+        header, arrays = arrays_of(client.get(address, params=query).content)
+        if header["read"] == header["configurations_here"] or header["problem"]:
+            return header, arrays
+    raise AssertionError("the paths were not read")
+
+
+def test_campaign_page_names_the_campaign(client, campaign):
+    page = client.get("/campaign", params={"c": campaign[0]})
+    assert page.status_code == 200
+    assert "<h1>office" in page.text
+    assert "/static/campaign.js" in page.text
+
+
+def test_summary_counts_selection_and_gives_canonical_filter(client, campaign):
+    found = client.get("/api/summary", params={"c": campaign[0], "f": "passed=fail;family=hard"}).json()
+    assert found["filter"] == "family=hard;passed=fail"
+    assert (found["summary"]["runs"], found["summary"]["failed"], found["summary"]["all_runs"]) == (6, 6, 20)
+    names = {}
+    exec(found["python"], names)  # noqa: S102
+    assert len(names["selection"]) == 6
+    assert found["maps"][0]["runs"] == 20
+
+
+def test_campaign_without_joined_table_is_joined_from_the_others(client, campaign):
+    c, directory = campaign
+    (directory / WIDE_FILE).unlink()
+    found = client.get("/api/summary", params={"c": c, "f": "family=hard"}).json()
+    assert found["summary"]["failed"] == 6
+    names = {}
+    exec(found["python"], names)  # noqa: S102
+    assert len(names["selection"]) == 8
+    assert len(client.get("/api/table", params={"c": c, "f": "passed=fail"}).text.splitlines()) == 1 + 7
+
+
+def test_campaign_is_read_anew_when_its_table_changes(client, campaign):
+    c, directory = campaign
+    assert client.get("/api/summary", params={"c": c}).json()["summary"]["runs"] == 20
+    pd.read_parquet(directory / WIDE_FILE).head(8).to_parquet(directory / WIDE_FILE)
+    assert client.get("/api/summary", params={"c": c}).json()["summary"]["runs"] == 8
+
+
+def test_replies_are_not_sent_again_to_a_browser_that_has_them(client, campaign):
+    query = {"c": campaign[0], "f": "family=hard"}
+    tag = client.get("/api/facets", params=query).headers["ETag"]
+    assert client.get("/api/facets", params=query, headers={"If-None-Match": tag}).status_code == 304
+    other = {**query, "f": "family=easy"}
+    assert client.get("/api/facets", params=other, headers={"If-None-Match": tag}).status_code == 200
+
+
+def test_rows_are_sorted_and_link_by_name(client, campaign):
+    found = client.get("/api/rows", params={"c": campaign[0], "sort": "rate", "count": 2}).json()
+    assert [row["configuration"] for row in found["rows"]] == ["hard-1", "hard-2"]
+    assert (found["total"], found["rows"][0]["rate"]) == (5, 0.0)
+
+
+def test_points_have_axes_that_vary(client, campaign):
+    header, arrays = arrays_of(client.get("/api/points", params={"c": campaign[0]}).content)
+    assert "noise" in [each["name"] for each in header["columns"]]
+    assert header["shown"] == header["total"] == 20 == len(arrays[0])
+
+
+@pytest.mark.parametrize("layer", ["paths", "ends", "rate"])
+def test_map_has_layers_of_the_selection(client, campaign, layer):
+    environment = client.get("/api/summary", params={"c": campaign[0]}).json()["maps"][0]["id"]
+    query = {"c": campaign[0], "environment": environment, "layer": layer, "f": "passed=fail"}
+    header, _ = read_whole(client, "/api/paths", **query)
+    assert header["runs"] == 7
+    assert header["form"] == ("grid" if layer == "rate" else "runs")
+    assert header["floor"]["width"] == pytest.approx(6.0)
+    assert client.get("/api/map.png", params=query).content.startswith(b"\x89PNG")
+
+
+@each_row("form, read", [("csv", pd.read_csv), ("parquet", pd.read_parquet)])
+def test_table_of_the_selection_is_a_file(client, campaign, form, read):
+    reply = client.get("/api/table", params={"c": campaign[0], "f": "passed=fail", "format": form})
+    assert reply.headers["Content-Disposition"].endswith(f'-7-runs.{form}"')
+    found = read(io.BytesIO(reply.content))
+    expected = pd.read_parquet(campaign[1] / WIDE_FILE)
+    assert found.columns.tolist() == expected.columns.tolist()
+    assert found["run_index"].tolist() == expected[expected["passed"].eq(False)]["run_index"].tolist()
+
+
+def test_configuration_has_runs_events_and_neighbor(client, campaign):
+    query = {"c": campaign[0], "name": "hard-2"}
+    assert client.get("/configuration", params=query).status_code == 200
+    found = client.get("/api/configuration", params=query).json()
+    assert [run["verdict"] for run in found["runs"]] == ["fail", "fail", "pass", "pass"]
+    assert found["runs"][0]["reason"] == "stuck"
+    assert found["neighbor"]["name"] == "easy-2"
+    assert "noise" not in [each["name"] for each in found["neighbor"]["differences"]]
+    header, arrays = arrays_of(client.get("/api/configuration/paths", params=query).content)
+    assert header["runs"] == 4
+    assert arrays[-1].tolist() == [1, 1, 0, 0]
+
+
+def test_signals_are_over_time_or_distance(client, campaign):
+    query = {"c": campaign[0], "name": "hard-2", "signal": "speed_mps"}
+    _, (x, y, starts, runs, verdicts) = arrays_of(client.get("/api/configuration/signals", params=query).content)
+    assert (runs.tolist(), verdicts.tolist(), starts.tolist()) == ([0, 1, 2, 3], [1, 1, 0, 0], [0, 20, 40, 81, 122])
+    assert x[starts[3] : starts[4]].tolist() == pytest.approx(np.arange(41) * 0.1)
+    assert y.tolist() == pytest.approx([0.5] * 122)
+    query["over"] = "distance_m"
+    _, (x, *_) = arrays_of(client.get("/api/configuration/signals", params=query).content)
+    assert x[starts[3] : starts[4]].max() == pytest.approx(4.0)
+
+
+@each_row(
+    "address, query, message",
+    [
+        ("/api/facets", {"f": "nothing=1"}, "expected a column of this campaign, got 'nothing'"),
+        ("/api/rows", {"sort": "nothing"}, "expected a column of this campaign, got 'nothing'"),
+        ("/api/rows", {"start": "-1"}, "start: expected a whole number, got '-1'"),
+        ("/api/paths", {"environment": "../.."}, "environment: expected a map of this campaign, got '../..'"),
+        ("/api/map.png", {"environment": "../.."}, "environment: expected a map of this campaign, got '../..'"),
+        ("/api/table", {"format": "exe"}, "format: expected csv or parquet, got 'exe'"),
+        (
+            "/api/configuration",
+            {"name": "../x"},
+            "name: expected a configuration with runs in this campaign, got '../x'",
+        ),
+        ("/api/configuration", {}, "name: expected a value in the address, got none"),
+    ],
+)
+def test_wrong_request_is_one_sentence(client, campaign, address, query, message):
+    reply = client.get(address, params={"c": campaign[0], **query})
+    assert 400 <= reply.status_code < 500
+    assert reply.json() == {"error": message}
+
+
+@each_row("name", [WIDE_FILE, "configurations.parquet"])
+def test_damaged_table_is_one_sentence(client, add_campaign, id_of, tmp_path, name):
+    directory = add_campaign(4, FAMILIES, name=f"broken-{name[0]}")
+    write_wide(directory, wide_table(read_tables(directory)))
+    (directory / name).write_bytes((directory / name).read_bytes()[:-200])
+    page = client.get("/campaign", params={"c": id_of(directory)})
+    assert page.status_code == 409
+    assert f"{name.split('.')[0]}" in page.text
+    assert client.get("/api/summary", params={"c": id_of(directory)}).status_code == 409
+
+
+def test_damaged_recordings_are_counted_on_the_map(client, campaign):
+    c, directory = campaign
+    (directory / "recordings" / "hard-1.parquet").write_bytes(b"PAR1")
+    environment = client.get("/api/summary", params={"c": c}).json()["maps"][0]["id"]
+    header, _ = read_whole(client, "/api/paths", c=c, environment=environment)
+    assert (header["damaged"], header["runs"]) == (1, 16)
+    reply = client.get("/api/configuration", params={"c": c, "name": "hard-1"})
+    assert reply.status_code == 409
+    assert "damaged campaign directory" in reply.json()["error"]
+
+
+def test_damaged_map_is_said_in_place_of_the_map(client, campaign):
+    c, directory = campaign
+    environment = client.get("/api/summary", params={"c": c}).json()["maps"][0]["id"]
+    (directory / "environments" / environment / "map.yaml").write_text("image: 3")
+    header, _ = read_whole(client, "/api/paths", c=c, environment=environment)
+    assert header["problem"]
+    assert header["form"] == "nothing"
+
+
+def test_names_are_text_on_every_page(client, add_campaign, id_of):
+    evil = "<script>alert(1)</script>"
+    c = id_of(add_campaign(5, FAMILIES, name="evil", text=f"version: 1\nmetadata: {{name: '{evil}'}}\n"))
+    for page in (
+        client.get("/configuration", params={"c": c, "name": evil}),
+        client.get("/campaign", params={"c": evil}),
+        client.get("/campaign", params={"c": c, "f": evil}),
+    ):
+        assert evil not in page.text
+
+
+def test_campaign_without_map_and_metrics_has_its_other_views(client, campaign):
+    c, directory = campaign
+    runs = pd.read_parquet(directory / WIDE_FILE)
+    runs[["configuration", "run_index", "passed"]].to_parquet(directory / WIDE_FILE)
+    configurations = pd.read_parquet(directory / "configurations.parquet")
+    configurations["environment"] = None
+    configurations.to_parquet(directory / "configurations.parquet")
+    found = client.get("/api/summary", params={"c": c}).json()
+    assert (found["maps"], found["summary"]["failed"], found["reasons"]["reason"]["rows"]) == ([], 7, [])
+    assert client.get("/api/facets", params={"c": c}).json()["facets"][0]["name"] == "passed"
+    assert client.get("/api/rows", params={"c": c}).json()["total"] == 5
+    assert arrays_of(client.get("/api/points", params={"c": c}).content)[0]["columns"] == []
+    assert client.get("/api/configuration", params={"c": c, "name": "hard-2"}).json()["family"] is None
+    header, _ = arrays_of(client.get("/api/configuration/paths", params={"c": c, "name": "hard-2"}).content)
+    assert header["problem"] == "This scenario has no map."

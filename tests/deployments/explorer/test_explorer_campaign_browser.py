@@ -1,0 +1,215 @@
+"""Campaign and configuration in a real browser: filter, brush, reload, back, keyboard, narrow and dark."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from chromium import CHROMIUM, chromium, opened
+
+from vastflow.oracles.evidence.wide import wide_table, write_wide
+from vastflow.oracles.results.tables import read_tables
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")]
+
+PATIENCE_S = 60
+EVIL = "<img src=x onerror=alert(1)>"
+KEYS = {"ArrowDown": 40, "ArrowRight": 39, "Enter": 13, "+": 187}
+SHOWN = "document.documentElement?.dataset.shown"
+
+
+@pytest.fixture
+def campaign(add_campaign, id_of):
+    """A campaign with a number that differs in each run, and a family whose name is HTML; its id."""
+    directory = add_campaign(3, {EVIL: [0, 1], "hard": [4, 2]})
+    runs = wide_table(read_tables(directory))
+    runs["distance_m"] = np.linspace(0.0, 15.0, len(runs))
+    write_wide(directory, runs)
+    return id_of(directory)
+
+
+@pytest.fixture
+def page(tmp_path, results, campaign):
+    """A browser at the campaign's page, whose pages must not complain; and the explorer's address."""
+    command = [sys.executable, "-m", "vastflow.flows.cli", "ui", str(results), "--no-browser"]
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server,
+        chromium(tmp_path / "chromium") as address,
+    ):
+        try:
+            browser = opened(address)
+            browser.ask("Emulation.setDeviceMetricsOverride", width=1300, height=900, deviceScaleFactor=1, mobile=False)
+            visit(browser, server.stdout.readline().strip())
+            visit(browser, f"{browser.value('location.origin')}/campaign?c={campaign}")
+            until(browser, f"{SHOWN} === '1'")
+            yield browser
+            assert browser.complaints == []
+        finally:
+            server.terminate()
+            server.wait(PATIENCE_S)
+
+
+def visit(browser, address):
+    browser.ask("Page.navigate", url=address)
+    until(browser, "document.readyState === 'complete' && location.protocol === 'http:'")
+
+
+def until(browser, expression):
+    """Wait until an expression of JavaScript is true."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not browser.value(f"Boolean({expression})"):
+        assert time.monotonic() < end_s, f"{expression}: {browser.value('document.body.innerText')}"
+        time.sleep(0.05)
+
+
+def press(browser, key):
+    own = {"key": key, "windowsVirtualKeyCode": KEYS[key], **({"text": "\r"} if key == "Enter" else {})}
+    browser.ask("Input.dispatchKeyEvent", type="keyDown", **own)
+    browser.ask("Input.dispatchKeyEvent", type="keyUp", **own)
+
+
+def drag(browser, element, start, end):
+    """Drag over an element, from one share of its width and height to another."""
+    browser.value(f"{element}.scrollIntoView({{block: 'center'}})")
+    x, y, width, height = browser.value(
+        f"(() => {{ const box = {element}.getBoundingClientRect(); return [box.x, box.y, box.width, box.height]; }})()"
+    )
+    places = [{"x": x + share[0] * width, "y": y + share[1] * height} for share in (start, end)]
+    mouse = {"button": "left", "clickCount": 1}
+    browser.ask("Input.dispatchMouseEvent", type="mouseMoved", **places[0])
+    browser.ask("Input.dispatchMouseEvent", type="mousePressed", **places[0], **mouse)
+    browser.ask("Input.dispatchMouseEvent", type="mouseMoved", **places[1], **mouse, buttons=1)
+    browser.ask("Input.dispatchMouseEvent", type="mouseReleased", **places[1], **mouse)
+
+
+def chips(browser):
+    return browser.value("[...document.querySelectorAll('.chip')].map(each => each.textContent)")
+
+
+def painted(browser):
+    """Number of painted pixels of the map."""
+    return browser.value(
+        "(() => { const map = document.querySelector('canvas.map'); const copy = document.createElement('canvas');"
+        "[copy.width, copy.height] = [map.width, map.height];"
+        "const context = copy.getContext('2d', { willReadFrequently: true }); context.drawImage(map, 0, 0);"
+        "const data = context.getImageData(0, 0, map.width, map.height).data; let n = 0;"
+        "for (let k = 3; k < data.length; k += 4) n += data[k] > 0; return n; })()"
+    )
+
+
+def until_painted(browser):
+    """Wait until the map shows its floor and all runs."""
+    until(browser, "/[1-9]\\d* recorded runs/.test(document.querySelector('#map').textContent)")
+    assert painted(browser) > 500
+
+
+def test_selection_survives_reload_and_back_button(page):
+    box = "[...document.querySelectorAll('.facet')].find(each => each.querySelector('h3').textContent === 'passed')"
+    page.value(f"{box}.querySelectorAll('input')[1].click()")
+    until(page, "document.querySelector('.chip')")
+    assert chips(page) == ["passed: fail ✕"]
+    until(page, f"{SHOWN} === '2'")
+    assert page.value("document.activeElement.dataset.key") in (None, "passed fail")
+    drag(page, "document.querySelector('.histogram')", (0.01, 0.5), (0.9, 0.5))
+    until(page, f"{SHOWN} === '3' && document.querySelectorAll('.chip').length === 2")
+    assert chips(page)[0].startswith("distance_m: 0.")
+    text, place = page.value("document.getElementById('summary').innerText"), page.value("location.href")
+    assert "distance_m" in place
+    visit(page, place)
+    until(page, f"{SHOWN} === '1'")
+    assert page.value("document.getElementById('summary').innerText") == text
+    until_painted(page)
+    page.value("document.querySelector('#table tbody a').click()")
+    until(page, f"location.pathname === '/configuration' && {SHOWN} === '1'")
+    page.value("history.back()")
+    until(page, "location.pathname === '/campaign' && document.querySelectorAll('.chip').length === 2")
+    assert page.value("location.href") == place
+    page.value(
+        "[...document.querySelectorAll('button')].find(each => each.textContent === 'Clear all filters').click()"
+    )
+    until(page, "!document.querySelector('.chip') && !location.search.includes('f=')")
+
+
+def test_configuration_shows_runs_signals_and_neighbor(page, campaign):
+    address = f"{page.value('location.origin')}/configuration?c={campaign}"
+    visit(page, f"{address}&name=hard-2")
+    until(page, f"{SHOWN} === '1'")
+    assert page.value("document.querySelectorAll('#runs tbody tr').length") == 4
+    assert page.value("document.querySelector('#runs a').href").endswith(
+        f"/run?c={campaign}&configuration=hard-2&run=0"
+    )
+    until_painted(page)
+    assert page.value("document.querySelectorAll('#signals path.line').length") == 3
+    page.value("const pick = document.querySelectorAll('#signals select')[1]; pick.value = 'distance_m';"
+               "pick.dispatchEvent(new Event('change'))")  # fmt: skip
+    until(page, "location.search.includes('over=distance_m')")
+    until(page, "document.querySelector('#signals svg.chart').ariaLabel.includes('distance')")
+    assert page.value("document.querySelector('#neighbor h2').textContent") == "Nearest configuration that passes"
+    assert page.value("document.querySelector('#neighbor a').textContent") == f"{EVIL}-1"
+    page.value("document.querySelector('#neighbor a').click()")
+    until(page, f"document.querySelector('h1')?.textContent === {f'{EVIL}-1'!r} && {SHOWN} === '1'")
+    assert page.value("document.querySelector('#neighbor h2').textContent") == "Nearest configuration that fails"
+
+
+def test_table_and_map_are_used_by_keyboard(page):
+    page.value("document.querySelector('#table [tabindex=\"0\"]').focus()")
+    press(page, "ArrowDown")
+    press(page, "ArrowRight")
+    assert page.value("document.activeElement.closest('td').cellIndex") == 1
+    assert page.value("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    assert page.value("document.querySelectorAll('#table table [tabindex=\"0\"]').length") == 1
+    page.value("document.querySelector('canvas.map').focus()")
+    until_painted(page)
+    before = painted(page)
+    press(page, "+")
+    assert painted(page) != before
+    page.value("document.querySelectorAll('#table tbody a')[0].focus()")
+    press(page, "Enter")
+    until(page, f"location.pathname === '/configuration' && {SHOWN} === '1'")
+
+
+def test_charts_select_runs_and_are_saved(page):
+    page.value("window.saved = []; const make = URL.createObjectURL;"
+               "URL.createObjectURL = (blob) => { window.saved.push(blob.type); return make(blob); };")  # fmt: skip
+    for name in ("scatter", "parallel", "python"):
+        page.value(f"document.getElementById('{name}').open = true")
+    until(page, "document.querySelector('#scatter svg.chart') && document.querySelector('#parallel svg.chart')")
+    until(page, "document.querySelector('#python pre').textContent.includes('pd.read_parquet')")
+    assert "open=scatter%2Cparallel%2Cpython" in page.value("location.search")
+    for kind in ("map", "scatter", "parallel"):
+        page.value(
+            f"document.querySelectorAll('#{kind} .tools button').forEach(each => /PNG|SVG/.test(each.textContent) && each.click())"
+        )
+    until(page, "window.saved.filter(type => type === 'image/png').length === 3")
+    assert page.value("window.saved.filter(type => type === 'image/svg+xml').length") >= 3
+    drag(page, "document.querySelector('#scatter svg.chart')", (0.2, 0.1), (0.95, 0.8))
+    until(page, "document.querySelectorAll('.chip').length === 2")
+    drag(page, "document.querySelector('#parallel .handle')", (0.5, 0.02), (0.5, 0.98))
+    until(page, "document.querySelectorAll('.chip').length >= 2")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_pages_fit_390_pixels(page, campaign, dark):
+    page.ask("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+    features = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+    page.ask("Emulation.setEmulatedMedia", features=features)
+    origin = page.value("location.origin")
+    for address in (
+        f"/campaign?c={campaign}&open=scatter,parallel,python&f=passed%3Dfail",
+        f"/configuration?c={campaign}&name=hard-1",
+    ):
+        visit(page, origin + address)
+        until(page, f"{SHOWN} === '1'")
+        page.value("for (const each of document.querySelectorAll('details')) each.open = true")
+        assert page.value("document.documentElement.scrollWidth") <= 390
+
+
+def test_wrong_filter_is_said_and_can_be_cleared(page, campaign):
+    visit(page, f"{page.value('location.origin')}/campaign?c={campaign}&f=nothing%3D1")
+    until(page, "document.querySelector('#error .sentence')")
+    assert page.value("document.querySelector('#error').innerText").startswith("expected a column of this campaign")
+    page.complaints.clear()  # the browser's own words about the replies
+    page.value("document.querySelector('#error button').click()")
+    until(page, "document.querySelector('#summary b')")
+    assert page.value("document.querySelector('#error').childElementCount") == 0
