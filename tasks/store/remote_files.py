@@ -242,7 +242,8 @@ def _options(address: str) -> dict[str, Any]:
         "connect_timeout": 10,
         "read_timeout": _ANSWER_S,
     }
-    return {"use_listings_cache": False, "config_kwargs": config, "session": session}
+    # With more than one reader for a file s3fs asks for its size before each read.
+    return {"use_listings_cache": False, "config_kwargs": config, "session": session, "max_concurrency": 1}
 
 
 def _expect_nothing(request: Any, **_: Any) -> None:
