@@ -25,7 +25,7 @@ export class MapView {
     canvas.addEventListener("dblclick", () => this.fit());
   }
 
-  /** Take the colors, and the size of the canvas on the page. */
+  /** Take the colors. */
   paint(theme) {
     this.theme = theme;
     this.costs = {};
@@ -34,6 +34,10 @@ export class MapView {
       const image = gridImage(grid.kind, { cells: this.run.arrays[grid.cells], rows, columns }, theme);
       return { ...grid, rows, columns, image };
     });
+  }
+
+  /** Take the size of the canvas on the page. */
+  resize() {
     const ratio = window.devicePixelRatio || 1;
     this.canvas.width = Math.round(this.canvas.clientWidth * ratio);
     this.canvas.height = Math.round(this.canvas.clientHeight * ratio);
