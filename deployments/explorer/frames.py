@@ -89,8 +89,11 @@ class StoredRun:
     verdicts: Sequence[Mapping[str, Any]] = field(repr=False)
 
 
-def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun:
+def stored_run(directory: Path, configuration: str, run_index: int, files: KeptFiles | None = None) -> StoredRun:
     """Read a run from a campaign directory.
+
+    Args:
+        files: Of the directory, if it was read before; to find a file it may read all of them.
 
     Raises:
         UnusableDirectory: an unknown configuration or run; a missing or damaged file.
@@ -105,7 +108,7 @@ def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun
         return StoredRun(
             name,
             run_index,
-            scenario_of_row(row, KeptFiles(directory)),
+            scenario_of_row(row, files or KeptFiles(directory)),
             *_recorded(directory, name, run_index),
             verdicts,
         )

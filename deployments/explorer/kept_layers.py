@@ -44,7 +44,8 @@ class KeptLayers:
     def _running(self) -> Pool:
         if self._pool is None:
             self._pool = Pool(1)
-            weakref.finalize(self, self._pool.close)
+            # At the interpreter's exit the pool ends by itself, before finalizers could ask for it.
+            weakref.finalize(self, self._pool.close).atexit = False
         return self._pool
 
     def layers(self, directory: Path, configuration: str, run_index: int) -> "Future[bytes]":

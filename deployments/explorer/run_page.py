@@ -1,7 +1,9 @@
 """The page of a run: its replay, the frames of its recording, and the layers of its execution."""
 
 import asyncio
-from typing import Final
+import functools
+from pathlib import Path
+from typing import Any, Final
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -21,6 +23,12 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page."""
     kept = KeptLayers()
 
+    @functools.lru_cache(maxsize=8)
+    def files_of(directory: Path) -> Any:
+        from vastflow.oracles.results.executed import KeptFiles  # a second of imports
+
+        return KeptFiles(directory)
+
     def run(request: Request) -> Response:
         campaign = directories.find(_text(request, "c"))
         configuration, run_index = _text(request, "configuration"), _number(request, "run")
@@ -38,11 +46,11 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         )
 
     def frames(request: Request) -> Response:
-        from vastflow.deployments.explorer.frames import frames_of, stored_run  # a second of imports
+        from vastflow.deployments.explorer.frames import frames_of, stored_run  # a second of imports too
 
         campaign = directories.find(_text(request, "c"))
         configuration = _text(request, "configuration")
-        stored = stored_run(campaign.path, configuration, _number(request, "run"))
+        stored = stored_run(campaign.path, configuration, _number(request, "run"), files_of(campaign.path))
         kept.prepare()
         with reading(campaign.path.name):
             return Response(frames_of(stored, configuration), media_type=_BINARY)
@@ -50,7 +58,10 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     async def layers(request: Request) -> Response:
         campaign = await asyncio.to_thread(directories.find, _text(request, "c"))
         asked = kept.layers(campaign.path, _text(request, "configuration"), _number(request, "run"))
-        content = await asyncio.shield(asyncio.wrap_future(asked))  # another page may wait for it too
+        try:
+            content = await asyncio.shield(asyncio.wrap_future(asked))  # another page may wait for it too
+        except asyncio.CancelledError:
+            raise HTTPException(503, "The explorer was ended.") from None
         return Response(content, media_type=_BINARY, headers={"Content-Encoding": "gzip"})
 
     return [Route("/run", run), Route("/api/frames", frames), Route("/api/layers", layers)]

@@ -30,6 +30,14 @@ export function drawMoment(context, view, t, shown, px) {
   stroke(context, points("horizon"), theme.horizon, 2.6 * px);
   drawDots(context, points("particles"), theme.belief, 2 * px);
   drawDots(context, points("scan"), theme.ink, 2.4 * px);
+  for (const [x, y] of run.header.goals) {
+    placed(context, x, y, Math.PI / 4, () =>
+      fill(context, () => context.rect(-4 * px, -4 * px, 8 * px, 8 * px), theme.goal),
+    );
+    stroke(context, null, theme.panel, px);
+  }
+  drawRobot(context, run, run.pose(t), theme.panel, theme.ink, px);
+  if (shown.has("belief")) drawRobot(context, run, run.pose(t, true), theme.belief, "", 1.8 * px);
   const contacts = shown.has("contacts") ? run.contacts.filter(({ t_s }) => t_s <= t + 1e-6) : [];
   for (const [color, width] of [
     ["panel", 5],
@@ -40,14 +48,6 @@ export function drawMoment(context, view, t, shown, px) {
         stroke(context, [x - r, y - 5 * px, x + r, y + 5 * px], theme[color], width * px);
     }
   }
-  for (const [x, y] of run.header.goals) {
-    placed(context, x, y, Math.PI / 4, () =>
-      fill(context, () => context.rect(-4 * px, -4 * px, 8 * px, 8 * px), theme.goal),
-    );
-    stroke(context, null, theme.panel, px);
-  }
-  drawRobot(context, run, run.pose(t), theme.panel, theme.ink, px);
-  if (shown.has("belief")) drawRobot(context, run, run.pose(t, true), theme.belief, "", 1.8 * px);
 }
 
 /** Draw in the frame of a place. */

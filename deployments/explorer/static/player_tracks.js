@@ -118,8 +118,8 @@ export class Tracks {
     for (const { mark, t_s } of run.events) {
       const [letter, color] = MARKS[mark];
       context.fillStyle = theme[color];
-      // A recovery follows an error at once.
-      context.fillText(letter, this.#x(t_s), top + (mark === "recovery" ? 17 : 7));
+      // A recovery follows an error at once, and a contact an obstacle that appears.
+      context.fillText(letter, this.#x(t_s), top + (mark === "recovery" || mark === "contact" ? 17 : 7));
     }
     context.textAlign = "left";
   }
