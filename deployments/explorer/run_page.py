@@ -24,7 +24,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     kept = KeptLayers()
 
     @functools.lru_cache(maxsize=8)
-    def files_of(directory: Path) -> Any:
+    def files_of(directory: Path, written_ns: int) -> Any:
         from vastflow.oracles.results.executed import KeptFiles  # a second of imports
 
         return KeptFiles(directory)
@@ -50,7 +50,8 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
 
         campaign = directories.find(_text(request, "c"))
         configuration = _text(request, "configuration")
-        stored = stored_run(campaign.path, configuration, _number(request, "run"), files_of(campaign.path))
+        files = files_of(campaign.path, campaign.path.stat().st_mtime_ns)
+        stored = stored_run(campaign.path, configuration, _number(request, "run"), files)
         kept.prepare()
         with reading(campaign.path.name):
             return Response(frames_of(stored, configuration), media_type=_BINARY)
