@@ -1,5 +1,6 @@
 """The page of all campaigns: their rates, what changed from one to the next, and trends."""
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -62,6 +63,12 @@ def trends_of(rows: Sequence[CampaignRow]) -> list[Trend]:
     return [trend_of(name, campaigns) for name, campaigns in series.items() if len(campaigns) > 1]
 
 
+def version_of(found: Sequence[CampaignDirectory]) -> str:
+    """Return text that is another when a campaign comes, ends, or goes."""
+    told = repr([(each.id, each.state, each.problem, each.created) for each in found])
+    return hashlib.sha256(told.encode(errors="surrogatepass")).hexdigest()[:16]
+
+
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page."""
     changes = FileChanges()
@@ -74,6 +81,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             request,
             "campaigns.html.j2",
             rows=rows,
+            version=version_of(every),
             trends=trends_of(rows),
             roots=directories.roots,
             name=name,

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
 from vastflow.deployments.explorer.directories import CampaignDirectory
-from vastflow.flows.results.provenance import campaign_changes
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.files import read_text
 
@@ -99,6 +98,8 @@ def _line_text(line: str) -> str:
 
 
 def _others(previous: CampaignDirectory, campaign: CampaignDirectory) -> tuple[str, ...]:
+    from vastflow.flows.results.provenance import campaign_changes  # half a second of imports
+
     try:
         with reading(campaign.path):
             return tuple(campaign_changes(previous.metadata, campaign.metadata))

@@ -1,4 +1,4 @@
-"""The live page: a campaign while it runs, and the request to stop it."""
+"""The live page: a campaign while it runs, its runs so far, and the request to stop it."""
 
 import json
 import time
@@ -10,12 +10,13 @@ import anyio
 from anyio.to_thread import run_sync
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.live import LiveCampaign
-from vastflow.deployments.explorer.pages import Pages
+from vastflow.deployments.explorer.pages import Pages, address
+from vastflow.deployments.explorer.preview import Previews
 from vastflow.oracles.results.events import Event, EventReader
 from vastflow.oracles.results.unfinished import ask_to_stop, is_running, place_of
 
@@ -58,10 +59,21 @@ class Follower:
 
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
-    """Return the routes of the page, its events, and the request to stop."""
+    """Return the routes of the page, of a run, of the events, and of the request to stop."""
+
+    previews = Previews(directories)
 
     def page(request: Request) -> Response:
         return pages.page(request, "live.html.j2", campaign=directories.find(request.query_params.get("c", "")))
+
+    def run(request: Request) -> Response:
+        given = request.query_params
+        campaign, run_index = directories.find(given.get("c", "")), given.get("run", "")
+        if not run_index.isdecimal() or len(run_index) > 9:
+            raise HTTPException(400, f"Expected the index of a run, got {run_index!r}.")
+        name = given.get("configuration", "")
+        shown = campaign if campaign.state == "finished" else previews.of(campaign, name, int(run_index))
+        return RedirectResponse(address("/run", c=shown.id, configuration=name, run=run_index), 303)
 
     async def events(request: Request) -> Response:
         follower = Follower(await run_sync(directories.find, request.query_params.get("c", "")))
@@ -78,7 +90,12 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         await run_sync(ask_to_stop, campaign.path, reason)
         return JSONResponse({"asked": reason})
 
-    return [Route("/live", page), Route("/api/events", events), Route("/api/stop", stop, methods=["POST"])]
+    return [
+        Route("/live", page),
+        Route("/live-run", run),
+        Route("/api/events", events),
+        Route("/api/stop", stop, methods=["POST"]),
+    ]
 
 
 async def _body(request: Request) -> bytes:

@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from vastflow.sim.replay import Difference, Replay
 
 FILM_EVERY_S: Final = 0.5
+SPEED: Final = 2.0
+"""Speed of a film, as a multiple of simulated time."""
+KINDS: Final = (".mp4", ".gif", ".webp")
+MOST_BYTES: Final = 1_000_000
+"""Size of GIF and WebP, which pages show beside their text."""
 STRIP: Final = "strip.png"
 FILM: Final = "film.gif"
 FRAMES: Final = "frames"
@@ -51,11 +56,15 @@ def replay(
         list[float] | None, typer.Option(metavar="S", help="Simulated time to draw; may be repeated.")
     ] = None,
     every: Annotated[
-        float | None, typer.Option(metavar="S", help="Seconds between pictures; with --video, of the film.")
+        float | None, typer.Option(metavar="S", help="Seconds between pictures; with --video or --film, of the film.")
     ] = None,
     since: Annotated[float | None, typer.Option("--from", metavar="S", help="First time to draw.")] = None,
     until: Annotated[float | None, typer.Option("--to", metavar="S", help="Last time to draw.")] = None,
     video: Annotated[bool, typer.Option("--video", help="Make an animated GIF too.")] = False,
+    film: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Make a film too: .mp4 (H.264), or .gif or .webp of at most 1 MB."),
+    ] = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
@@ -66,6 +75,8 @@ def replay(
     bit for bit.
     """
     check_directory(results)
+    if film is not None and film.suffix.lower() not in KINDS:
+        raise UserError(f"--film {film}: expected a file with the suffix {', '.join(KINDS)}")
     from vastflow.flows.results.provenance import origin_differences, versions
     from vastflow.oracles.replay.recorded import recorded_run
     from vastflow.sim.replay import first_difference
@@ -78,7 +89,7 @@ def replay(
     if not recorded.recording.columns:
         where = f"what its programs wrote is in outputs/{recorded.configuration}.zip"
         raise UnusableDirectory(f"{results}: {configuration} has no robot, so there is nothing to draw; {where}")
-    asked = _asked(recorded, at or [], every, since, until, video)
+    asked = _asked(recorded, at or [], every, since, until, video or film is not None)
     with writing(folder, "--out"):
         (folder / FRAMES).mkdir(parents=True, exist_ok=True)
     for note in asked.notes:
@@ -98,7 +109,12 @@ def replay(
             made = versions(recorded.metadata, same_origin=not differs)
             print(f"{title}: NOT THE RECORDED RUN: {difference}\n{made}", file=sys.stderr)
         with writing(folder, "--out"):
-            written = _drawn(folder, _story(title, recorded, replayed, difference), replayed, ticks, asked)
+            story = _story(title, recorded, replayed, difference)
+            written = _drawn(folder, story, replayed, ticks, asked if video else replace(asked, film=()))
+        if film is not None:
+            with writing(film, "--film"):
+                _filmed(film, story, replayed, asked, FILM_EVERY_S if every is None else every)
+            written["film"] = str(film)
     if as_json:
         equality = {"equal": difference is None, "difference": difference and str(difference), "differs": differs}
         print(json.dumps({**equality, **written}))
@@ -110,8 +126,8 @@ def replay(
     ran = replayed.recording.run
     print(f"{ran.outcome.replace('_', ' ')}{': ' if ran.reason else ''}{ran.reason}, {ran.simulated_s:.2f} s simulated")
     print(f"strip: {written['strip']}\nframes: {len(written['frames'])} in {folder / FRAMES}")
-    if written["video"]:
-        print(f"film: {written['video']}")
+    for name in filter(None, (written["video"], written["film"])):
+        print(f"film: {name}")
     raise typer.Exit(0 if difference is None else 1)
 
 
@@ -121,7 +137,7 @@ def _asked(
     every_s: float | None,
     from_s: float | None,
     to_s: float | None,
-    video: bool,
+    filmed: bool,
 ) -> ShownTicks:
     from vastflow.oracles.replay.still import MOST
     from vastflow.oracles.replay.story import rounded, span_of, step_of, tick_at, whole_run
@@ -130,7 +146,7 @@ def _asked(
     span = span_of(from_s, to_s, whole)
     regular = span.every(step_of(FILM_EVERY_S if every_s is None else every_s))
     strip = {tick_at("--at", t_s, whole) for t_s in at_s}
-    if every_s is not None and not video:
+    if every_s is not None and not filmed:
         strip |= {*regular}
     if len(strip) > MOST:
         raise UserError(
@@ -139,7 +155,7 @@ def _asked(
     given = [*(("--at", t_s) for t_s in at_s), ("--every", every_s), ("--from", from_s), ("--to", to_s)]
     notes = [note for option, t_s in given if t_s is not None for note in rounded(option, [t_s])]
     last = None if to_s is None else span.last
-    return ShownTicks(span.first, last, sorted(strip), regular if video else [], notes)
+    return ShownTicks(span.first, last, sorted(strip), regular if filmed else [], notes)
 
 
 def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list[int]]":
@@ -212,4 +228,27 @@ def _drawn(folder: Path, story: "Story", replayed: "Replay", ticks: list[int], a
         if len(film) > 100:
             print(f"drawing a film of {len(film)} pictures", file=sys.stderr)
         write_film(folder / FILM, story, film)
-    return {"frames": frames, "strip": str(folder / STRIP), "video": str(folder / FILM) if film else None}
+    return {
+        "frames": frames,
+        "strip": str(folder / STRIP),
+        "video": str(folder / FILM) if film else None,
+        "film": None,
+    }
+
+
+def _filmed(file: Path, story: "Story", replayed: "Replay", asked: ShownTicks, every_s: float) -> None:
+    """Write a film of twice the simulated speed."""
+    from vastflow.oracles.figures.film import FilmError
+    from vastflow.oracles.replay.still import write_film
+
+    shown = set(asked.film)
+    snapshots = [snapshot for snapshot in replayed.snapshots if snapshot.moment.tick in shown]
+    file.parent.mkdir(parents=True, exist_ok=True)
+    print(f"drawing a film of {len(snapshots)} pictures", file=sys.stderr)
+    most_bytes = None if file.suffix.lower() == ".mp4" else MOST_BYTES
+    try:
+        kept = write_film(file, story, snapshots, round(1000 * every_s / SPEED), most_bytes)
+    except FilmError as error:
+        raise UserError(f"--film {file}: {error}") from None
+    if kept < len(snapshots):
+        print(f"{file} has {kept} of {len(snapshots)} pictures, to stay below {MOST_BYTES / 1e6:g} MB", file=sys.stderr)

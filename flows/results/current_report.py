@@ -26,7 +26,7 @@ _FILES: Final = ".files.json"
 _PACKAGES: Final = ("vastflow.flows", "vastflow.oracles", "vastflow.producers", "vastflow.sim", "vastflow.tasks")
 _WRITTEN_BY: Final = frozenset({".css", ".j2", ".js", ".py"})
 _OF_A_CALL: Final = frozenset({"created", "host"})
-REPORT_LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
+REPORT_LIBRARIES: Final = ("imageio-ffmpeg", "jinja2", "markupsafe", "matplotlib", "pillow")
 
 
 def written_by() -> tuple[Path, ...]:

@@ -12,13 +12,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
+from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import NewDirectory, new_directory
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.oracles.results.events import EVENTS, Event, EventName
 from vastflow.oracles.results.unfinished import BEAT_S, stop_reason
-from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.faults import FileError, UserError
 from vastflow.tasks.engine.executor import PoolClosed
 from vastflow.tasks.engine.progress import Progress
 from vastflow.tasks.prefect import campaign_log
@@ -68,10 +69,15 @@ class EventLog:
             self._file = -1
             LOGGER.warning("events can't be written (%s)", error.strerror)
 
-    def begin(self, name: str, file: Path) -> None:
+    def begin(self, name: str, file: Path, request: RunRequest) -> None:
         """Write the first event, and go on in a thread."""
         self._tally.keep_changes()
-        values = {"name": name, "file": str(file.absolute()), "directory": str(self.directory.final.absolute())}
+        values: dict[str, Any] = {
+            "name": name,
+            "file": str(file.absolute()),
+            "directory": str(self.directory.final.absolute()),
+        }
+        values |= {"folder": os.getcwd(), "request": request.model_dump(mode="json", exclude_defaults=True)}
         self._append([self._event("began", **values, process=os.getpid(), host=platform.node())])
         self._thread.start()
 
@@ -152,11 +158,13 @@ def logged(run: PreparedCampaign, computing: Computing) -> Iterator[EventLog]:
     """
     with new_directory(run.delivery.folder, run.name, computing.created) as directory:
         log = EventLog(directory, computing)
-        log.begin(run.name, run.campaign.path)
+        log.begin(run.name, run.campaign.path, run.request)
         try:
             yield log
         except BaseException as error:
             log.close("stopped", reason=_reason(log, error))
+            if isinstance(error, FileError):  # nothing was run, and nothing is to be found
+                (directory.running / EVENTS).unlink(missing_ok=True)
             if log.stopped_by is not None and isinstance(error, Exception):
                 raise CampaignStopped(f"stopped: {log.stopped_by}") from None
             raise

@@ -52,6 +52,7 @@ class Case:
         paths: True trajectories (N, 2) by judgement, of which `chosen` is drawn strong.
         estimate_xy_m: (N, 2) an estimated path, dashed.
         world: The walls as they stand, where the robot's map has them elsewhere.
+        around_xy_m: (N, 2) places that are not drawn, and shown nevertheless.
     """
 
     title: str
@@ -63,6 +64,7 @@ class Case:
     zones: Zones = NO_ZONES
     estimate_xy_m: Floats | None = None
     world: OccupancyMap | None = None
+    around_xy_m: Floats | None = field(default=None, repr=False)
 
     @property
     def stops(self) -> tuple[Floats, Floats]:
@@ -72,7 +74,8 @@ class Case:
     @property
     def points(self) -> list[Floats]:
         """All places (n, 2) that a figure must show."""
-        return [*self.stops, *(path for _, path in self.paths)]
+        around = [] if self.around_xy_m is None else [self.around_xy_m]
+        return [*self.stops, *(path for _, path in self.paths), *around]
 
 
 def case_figure(case: Case) -> Figure:

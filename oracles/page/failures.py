@@ -12,6 +12,7 @@ from markupsafe import Markup
 from vastflow.oracles.evidence.findings import Findings
 from vastflow.oracles.judgement.cause import CAUSES
 from vastflow.oracles.page.facts import Facts
+from vastflow.oracles.page.film import cause_film
 from vastflow.oracles.page.pictures import case_picture, cause_picture
 from vastflow.oracles.page.section import Column, Section, Table, columns
 from vastflow.oracles.page.words import percent, plural
@@ -41,14 +42,16 @@ def why_section(facts: Facts) -> Section | None:
     ]
     numbers = columns("number", "Runs", "Of its failures", "Configurations")
     drawn = [cause_picture(facts.tables, each, facts.files) for each in facts.causes]
+    films = [film for each in facts.causes[:1] if (film := cause_film(facts.tables, each, facts.files)) is not None]
     values = {
         "causes": list(zip(facts.causes, drawn, strict=True)),
+        "films": films,
         "meanings": CAUSES,
         "kinds": Table([Column("Oracle", "name"), Column("Why", "long"), *numbers], rows),
         "of_kinds": len(kinds),
     }
     figures = [picture for picture in drawn if picture is not None]
-    return Section("why", "Why", "Why runs failed", folded=False, values=values, figures=figures)
+    return Section("why", "Why", "Why runs failed", folded=False, values=values, figures=figures, films=films)
 
 
 def worst_section(facts: Facts) -> Section | None:

@@ -77,6 +77,8 @@ def write_report(directory: Path) -> None:
     for picture in pictures:
         (figures / f"{picture.name}.png").write_bytes(picture.png)
         (figures / f"{picture.name}.svg").write_bytes(picture.svg)
+    for film in (film for section in shown for film in section.films):
+        (figures / f"{film.name}.mp4").write_bytes(film.mp4)
     page = _html(facts, shown, contrasts, _embedded(pictures))
     (directory / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
 

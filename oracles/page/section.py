@@ -9,6 +9,7 @@ from typing import Any, Final, Literal, TypeAlias
 from markupsafe import Markup
 
 from vastflow.oracles.evidence.evidence import Evidence
+from vastflow.oracles.page.film import Film
 from vastflow.oracles.page.words import percent, span_of
 from vastflow.oracles.statistics.intervals import Counts, thousandths, wilson_intervals
 
@@ -127,7 +128,7 @@ class Section:
         summary: Text beside the title of a folded section.
         content: Texts, figures, and tables below its text.
         folded: Whether it is hidden until opened.
-        values, figures: Values and figures of the text in the template.
+        values, figures, films: Values, figures, and films of the text in the template.
     """
 
     key: str
@@ -138,6 +139,7 @@ class Section:
     folded: bool = True
     values: Mapping[str, Any] = field(default_factory=dict)
     figures: Sequence[Picture] = ()
+    films: Sequence[Film] = ()
 
     @property
     def pictures(self) -> list[Picture]:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
+from vastflow.oracles.figures.film import write_mp4, write_webp
 from vastflow.oracles.figures.maps import draw_zones, zone_handles
 from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK, OBSTACLE_COLOR, SOFT_INK
 from vastflow.oracles.replay import close_up
@@ -237,16 +238,54 @@ _FILM_DPI: Final = 60
 _PALETTE_SIZE: Final = 40
 """Size and colors at which 30 s of film stay below 1 MB, and words readable."""
 _DISTINCT: Final = 12
+_FEWEST: Final = 4
+"""Pictures of a film that stay, however large it is."""
 
 
-def write_film(file: Path, story: Story, snapshots: Sequence[TickSnapshot]) -> None:
-    """Write the stills of `snapshots` (one or more) as a film; one picture is in memory at a time."""
+def write_film(
+    file: Path,
+    story: Story,
+    snapshots: Sequence[TickSnapshot],
+    picture_ms: int = FRAME_MS,
+    most_bytes: int | None = None,
+) -> int:
+    """Write the stills of `snapshots` (one or more) as a film of the kind of the file's suffix.
+
+    Args:
+        picture_ms: Duration of a picture.
+        most_bytes: Size of the file from which pictures are left out, evenly; None for any size.
+
+    Returns:
+        Number of pictures in the film.
+
+    Raises:
+        FilmError: it can't be encoded.
+    """
+    shown = list(snapshots)
+    while True:
+        match file.suffix.lower():
+            case ".mp4":
+                write_mp4(file, still_images(story, shown), picture_ms, LAST_MS)
+            case ".webp":
+                write_webp(file, still_images(story, shown, _FILM_DPI), picture_ms, LAST_MS)
+            case _:
+                _write_gif(file, story, shown, picture_ms)
+        size = file.stat().st_size
+        if most_bytes is None or size <= most_bytes or len(shown) <= _FEWEST:
+            return len(shown)
+        step = max(2, -(-size // most_bytes))
+        shown = [*shown[:-1:step], shown[-1]]
+        picture_ms *= step
+
+
+def _write_gif(file: Path, story: Story, snapshots: Sequence[TickSnapshot], picture_ms: int) -> None:
+    """Write a GIF; one picture is in memory at a time."""
     chosen = sorted({0, len(snapshots) // 2, len(snapshots) - 1})
     palette = _palette([*still_images(story, [snapshots[k] for k in chosen], _FILM_DPI)])
     frames = (
         still.quantize(palette=palette, dither=Image.Dither.NONE) for still in still_images(story, snapshots, _FILM_DPI)
     )
-    durations = [FRAME_MS] * (len(snapshots) - 1) + [LAST_MS]
+    durations = [picture_ms] * (len(snapshots) - 1) + [max(LAST_MS, picture_ms)]
     next(frames).save(file, format="GIF", save_all=True, append_images=frames, duration=durations, loop=0)
 
 

@@ -12,12 +12,14 @@ from types import SimpleNamespace
 import pytest
 from command_line import called, refused
 
+from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.run import event_log
 from vastflow.flows.run.event_log import CampaignStopped, EventLog, logged
 from vastflow.flows.terminal.following import lines_of, runs_text
 from vastflow.oracles.results.events import EVENTS, Event, EventReader
 from vastflow.oracles.results.unfinished import WRITER, ask_to_stop, is_running, place_of, unfinished, writer
+from vastflow.sim.model.faults import FileError
 from vastflow.tasks.engine.executor import PoolClosed
 from vastflow.tasks.engine.progress import Tally
 
@@ -46,6 +48,7 @@ def campaign(tmp_path):
         name="room",
         delivery=SimpleNamespace(folder=tmp_path),
         campaign=SimpleNamespace(path=tmp_path / "room.vast"),
+        request=RunRequest(campaign="room.vast", runs=3),
     )
     return run, SimpleNamespace(tally=Tally(), engine=Engine(), created=CREATED)
 
@@ -72,6 +75,7 @@ def test_log_has_each_change_once(campaign, tmp_path):
         log.close("ended", faults=1)
     began, *changes, progress, last = events_in(place)
     file = {"name": "room", "file": str(tmp_path / "room.vast"), "directory": str(log.directory.final)}
+    file |= {"folder": os.getcwd(), "request": {"campaign": "room.vast", "runs": 3}}
     assert (began.event, began.values) == ("began", {**file, "process": os.getpid(), "host": os.uname().nodename})
     of = {"configuration": "room-1", "family": "room"}
     assert [(change.event, change.values) for change in changes if change.event != "progress"] == [
@@ -140,6 +144,13 @@ def test_log_of_campaign_without_directory_has_reason(campaign, error, reason):
     assert place == log.directory.running and not is_running(place) and not (place / WRITER).exists()
     last = events_in(place)[-1]
     assert (last.event, last.values["reason"]) == ("stopped", reason)
+
+
+def test_log_of_wrong_campaign_file_leaves_nothing(campaign, tmp_path):
+    run, computing = campaign
+    with pytest.raises(FileError), logged(run, computing):
+        raise FileError([])
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_stop_closes_engine_and_gives_its_reason(campaign):

@@ -122,6 +122,17 @@ def test_replay_draws_at_times_asked_for(results):
     assert done.stdout.startswith("room-3 has the content of room-1, whose runs were recorded\n")
 
 
+def test_replay_film_is_of_the_kind_of_its_file(results, tmp_path):
+    for name, begins in (("run.mp4", b"ftyp"), ("run.webp", b"WEBP"), ("below/run.GIF", b"GIF8")):
+        done, said = replayed_json(results, "room-1", 0, "--at", "1", "--every", "1", "--film", tmp_path / name)
+        assert (said["film"], said["video"]) == (str(tmp_path / name), None)
+        assert begins in (tmp_path / name).read_bytes()[:12]
+        assert done.stderr == "drawing a film of 4 pictures\n"
+    assert refused("replay", results, "room-1", 0, "--film", "run.avi").endswith(
+        "--film run.avi: expected a file with the suffix .mp4, .gif, .webp"
+    )
+
+
 def test_replay_refuses_unknown_run(made, tmp_path, golden):
     def faults_of(arguments):
         return [

@@ -1,5 +1,6 @@
 """The report and the evidence of a synthetic campaign directory, section by section."""
 
+import base64
 import json
 import re
 import shutil
@@ -21,6 +22,7 @@ from vastflow.oracles.evidence.findings import findings_of
 from vastflow.oracles.figures.charts import interaction_figure
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.failures import cases, failure_kinds, kind_of
+from vastflow.oracles.page.film import MOST_BYTES
 from vastflow.oracles.page.headline import headline_html
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.search_section import CELLS_DRAWN, search_section
@@ -134,7 +136,8 @@ def rewritten(directory, **changes):
 
 def test_page_is_well_formed_and_self_contained(page, shown):
     assert (page.misnested, page.open) == ([], [])
-    inside = ("data:image/png;base64,", "data:image/svg+xml;base64,", "#", "figures/")
+    kinds = ("image/png", "image/svg+xml", "video/mp4")
+    inside = (*(f"data:{kind};base64," for kind in kinds), "#", "figures/")
     assert page.addresses and [address for address in page.addresses if not address.startswith(inside)] == []
     text = text_of(shown)
     assert not re.search(r"@import|url\(|<link|<script[^>]*src|fetch\(|XMLHttp|import\(", text)
@@ -143,12 +146,39 @@ def test_page_is_well_formed_and_self_contained(page, shown):
     assert links and links <= files
     assert {re.sub(r"-[0-9a-f]{8}$", "", Path(file).stem) for file in files} == {
         *("rates", "factors", "final-poses", "failure-rate", "failed", "passed", "case-noisy-1"),
-        *("cause-too-close", "cause-no-path", "case-noisy-2"),
+        *("cause-too-close", "cause-no-path", "case-noisy-2", "film-noisy-2-0"),
     }
     assert text.count('href="figures/') == text.count('title="In the folder figures/ beside report.html"') > 0
     assert {address[1:] for address in page.addresses if address.startswith("#")} <= page.ids
     assert len(page.images) == 10  # rates, factors, four of the map, two configurations that failed, two causes
     assert all(image["alt"] for image in page.images)
+
+
+def test_report_embeds_film_of_first_failure(shown):
+    text, (film,) = text_of(shown), [*(shown / "figures").glob("*.mp4")]
+    (video,) = re.findall(r"<video[^>]*>", text)
+    assert "controls" in video and "autoplay" not in video and 'aria-label="Film of run 0 of noisy-2' in video
+    (embedded,) = re.findall(r"data:video/mp4;base64,([^\"]*)", video)
+    assert base64.b64decode(embedded) == film.read_bytes() and len(embedded) < MOST_BYTES
+    assert f'href="figures/{film.name}"' in text
+
+
+def test_report_has_same_film_again(directory):
+    (film,) = (directory / "figures").glob("*.mp4")
+    before, _ = film.read_bytes(), film.unlink()
+    write_report(directory)
+    assert film.read_bytes() == before
+
+
+@each_row(
+    ("name", "value"),
+    [("oracles.page.film.MOST_BYTES", 1000), ("oracles.figures.film._encoder", lambda: "/bin/false")],
+)
+def test_report_has_no_film_that_is_too_large_or_fails(directory, monkeypatch, name, value):
+    monkeypatch.setattr(f"vastflow.{name}", value)
+    shutil.rmtree(directory / "figures")
+    write_report(directory)
+    assert "<video" not in text_of(directory) and not [*(directory / "figures").glob("*.mp4")]
 
 
 def test_report_marks_facts_of_call(directory: Path) -> None:

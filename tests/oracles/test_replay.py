@@ -1,5 +1,6 @@
 """Pictures of a replay, and its words, times, and highlights."""
 
+import subprocess
 from dataclasses import replace
 from itertools import pairwise
 
@@ -7,12 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from imageio_ffmpeg import get_ffmpeg_exe
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 from table import each_row
 
+from vastflow.oracles.figures.film import FilmError, write_mp4
 from vastflow.oracles.figures.scene import Zones
 from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.replay import still, story
@@ -175,6 +178,43 @@ def test_film_shows_all_pictures_in_true_colors(occupancy, tmp_path):
             shown.append(picture.info["duration"])
     assert shown == [still.FRAME_MS] * 3 + [still.LAST_MS]
     assert {FREE, rgb(GOAL_COLOR), rgb(COLORS["fail"])} <= colors
+
+
+def test_film_of_pages_leaves_pictures_out_to_stay_small(occupancy, tmp_path):
+    story, snapshots = a_story(occupancy), [a_snapshot(tick) for tick in range(0, 60, 5)]
+    for suffix in ("gif", "webp"):
+        file = tmp_path / f"film.{suffix}"
+        assert still.write_film(file, story, snapshots) == 12
+        whole = file.stat().st_size
+        kept = still.write_film(file, story, snapshots, most_bytes=whole * 2 // 3)
+        with Image.open(file) as film:
+            assert 4 <= kept == film.n_frames < 12
+        assert file.stat().st_size <= whole * 2 // 3
+
+
+def test_mp4_has_same_bytes_for_same_pictures(occupancy, tmp_path):
+    pictures = [*still.still_images(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40)], dpi=61)]
+    files = [tmp_path / "one.mp4", tmp_path / "two.mp4"]
+    for file in files:
+        write_mp4(file, pictures, 250, 1000)
+    one, two = (file.read_bytes() for file in files)
+    assert one == two and one[4:12] == b"ftypisom" and b"avc1" in one
+    size = "x".join(str(side + side % 2) for side in pictures[0].size)
+    said = subprocess.run([get_ffmpeg_exe(), "-i", files[0]], capture_output=True, text=True, check=False).stderr
+    assert f"yuv420p(progressive), {size}" in said and "Duration: 00:00:01.50" in said
+
+
+def test_encoder_that_fails_is_reported(occupancy, tmp_path, monkeypatch):
+    pictures = [Image.new("RGB", (64, 64))] * 50
+    with pytest.raises(FileNotFoundError):
+        write_mp4(tmp_path / "absent" / "film.mp4", pictures, 250)
+    failing = tmp_path / "ffmpeg"
+    failing.write_text("#!/bin/sh\necho no room >&2\nexit 3\n")
+    failing.chmod(0o755)
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(failing))
+    with pytest.raises(FilmError, match="ffmpeg ended with 3: no room"):
+        write_mp4(tmp_path / "film.mp4", pictures, 250)
+    assert not (tmp_path / "film.mp4").exists()
 
 
 def test_view_is_whole_for_small_runs_and_follows_others():

@@ -155,3 +155,20 @@ def test_printed_page_unfolds_sections(browser: Browser, report: Path) -> None:
     printed = base64.b64decode(browser.ask("Page.printToPDF")["data"])
     assert printed.count(b"/Type /Page\n") + printed.count(b"/Type/Page/") + printed.count(b"/Type /Page ") > 6
     assert browser.value("[...document.querySelectorAll('details')].every(it => String(it.open) === it.dataset.was)")
+
+
+def promised(browser: Browser, expression: str) -> object:
+    found = browser.ask("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+    assert "exceptionDetails" not in found, found
+    return found["result"].get("value")
+
+
+def test_browser_plays_film_once_it_is_asked_to(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    film = "const film = document.querySelector('video')"
+    state = "[film.paused, film.videoWidth, film.duration > 1]"
+    look = f"const look = () => film.readyState ? done({state}) : setTimeout(look, 50)"
+    assert promised(browser, f"new Promise(done => {{ {film}; {look}; look() }})") == [True, 600, True]
+    ends = "film.playbackRate = 8; film.onended = () => done('ended'); film.onerror = () => fail(film.error)"
+    played = f"new Promise((done, fail) => {{ {film}; {ends}; film.play().catch(fail) }})"
+    assert promised(browser, played) == "ended"

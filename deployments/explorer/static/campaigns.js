@@ -20,10 +20,8 @@ async function follow() {
   if (document.hidden) return;
   const page = new DOMParser().parseFromString(await (await fetched(location.href)).text(), "text/html");
   const fresh = page.getElementById("campaigns");
-  if (!fresh || fresh.innerHTML === place.dataset.shown) return;
-  const first = place.dataset.shown === undefined;
-  place.dataset.shown = fresh.innerHTML;
-  if (first) return;
+  if (!fresh || fresh.dataset.version === place.dataset.version) return;
+  place.dataset.version = fresh.dataset.version;
   const ticked = new Set([...place.querySelectorAll("input:checked")].map((each) => each.value));
   const unfolded = new Set([...place.querySelectorAll("details[open]")].map(keyOf));
   const focused = document.activeElement?.getAttribute("href") ?? document.activeElement?.getAttribute("value");

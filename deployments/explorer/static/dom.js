@@ -58,7 +58,7 @@ export async function fetched(place, options = {}) {
     reply = await fetch(place, options);
   } catch (error) {
     if (error instanceof DOMException && error.name === "AbortError") throw error;
-    throw new Error("The explorer does not answer; is `vastflow ui` still running?");
+    throw new Error("The explorer does not answer; is `vastflow ui` still running?", { cause: error });
   }
   if (reply.ok) return reply;
   const told = await reply.json().catch(() => ({}));

@@ -64,7 +64,11 @@ function showFamilies(families) {
       {},
       element("td", { class: "name" }, family.family || "–"),
       element("td", { class: "n" }, count(family.configurations)),
-      element("td", { class: "n" }, `${count(family.passed + family.failed + family.not_judged)} of ${count(family.runs)}`),
+      element(
+        "td",
+        { class: "n" },
+        `${count(family.passed + family.failed + family.not_judged)} of ${count(family.runs)}`,
+      ),
       element("td", { class: "brief" }, ...bar(family)),
       element("td", { class: "brief" }, ...rate(family)),
     ),
@@ -97,21 +101,22 @@ function showLost(state) {
       "tr",
       {},
       element("td", { class: "brief" }, run.at.slice(11, 19)),
-      element("td", {}, element("a", { class: `run ${kind}`, href: address("/run", query) }, run.run)),
-      element(
-        "td",
-        { class: "name" },
-        element("a", { href: address("/configuration", { c: id, name: run.configuration }) }, run.configuration),
-      ),
+      element("td", {}, element("a", { class: `run ${kind}`, href: address("/live-run", query) }, run.run)),
+      element("td", { class: "name" }, run.configuration),
       element("td", { class: kind }, run.judgement === "fail" ? "failed" : run.judgement),
       element("td", {}, run.reason || "–"),
     );
   });
   const focused = document.activeElement?.getAttribute("href");
   at("lost").replaceChildren(...rows);
-  if (focused) at("lost").querySelector(`a[href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
+  if (focused)
+    at("lost")
+      .querySelector(`a[href="${CSS.escape(focused)}"]`)
+      ?.focus({ preventScroll: true });
   const hidden = state.lost_total - state.lost.length;
-  at("lost-total").textContent = hidden ? `${count(state.lost_total)}, the newest ${state.lost.length} are listed` : count(state.lost_total);
+  at("lost-total").textContent = hidden
+    ? `${count(state.lost_total)}, the newest ${state.lost.length} are listed`
+    : count(state.lost_total);
 }
 
 function showTold(state) {
@@ -139,7 +144,10 @@ function showEnd(state) {
 
 function show(state) {
   const { progress } = state;
-  const runs = progress && progress.runs_total ? [`${count(progress.runs_done)} of ${progress.at_most ? "at most " : ""}${count(progress.runs_total)} runs`] : [];
+  const runs =
+    progress && progress.runs_total
+      ? [`${count(progress.runs_done)} of ${progress.at_most ? "at most " : ""}${count(progress.runs_total)} runs`]
+      : [];
   const words = [...runs, ...state.words];
   at("words").textContent = words.length ? `${words.join(", ")}.` : "";
   showFamilies(state.families);
@@ -158,7 +166,8 @@ function follow() {
     if (state.end) source.close();
   };
   source.onerror = () => {
-    at("words").textContent = source.readyState === EventSource.CLOSED ? "The events can't be read; reload the page." : "Reconnecting…";
+    at("words").textContent =
+      source.readyState === EventSource.CLOSED ? "The events can't be read; reload the page." : "Reconnecting…";
   };
 }
 

@@ -1,0 +1,91 @@
+"""The film of the report's first failure, as H.264 within the page."""
+
+import base64
+import logging
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from vastflow.oracles.evidence.causes import CauseCount
+from vastflow.oracles.figures.case_figure import Case
+from vastflow.oracles.figures.film import FilmError, write_mp4
+from vastflow.oracles.figures.run_film import LAST_MS, PICTURE_MS, FilmedRun
+from vastflow.oracles.figures.scene import zones_of
+from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.page.words import number
+from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
+from vastflow.oracles.results.tables import Tables
+from vastflow.sim.model.blocks import read_recordings
+from vastflow.sim.reading.world import WORLD_KEY, difference_of
+from vastflow.sim.world.difference import world_of
+from vastflow.sim.world.map_file import load_map
+
+LOGGER: Final = logging.getLogger("vastflow.report")
+
+MOST_BYTES: Final = 600_000
+"""Most bytes of the film in the page, where it is as long by a third as its file."""
+_CRF: Final = 26
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """A film of the report.
+
+    Attributes:
+        name: File name below `figures/`, without suffix.
+    """
+
+    name: str
+    alt: str
+    caption: str
+    size: tuple[int, int]
+    mp4: bytes = field(repr=False)
+
+    @property
+    def source(self) -> str:
+        """The film as a `data:` address."""
+        return f"data:video/mp4;base64,{base64.b64encode(self.mp4).decode()}"
+
+
+def cause_film(tables: Tables, count: CauseCount, files: KeptFiles) -> Film | None:
+    """The example run of a cause; None without map or recording, or where the film is too long for the page.
+
+    It is drawn from the recording, so that nothing is executed, and a report has the same film on every host.
+    """
+    name = count.configuration
+    configuration = tables.configurations.names.index(name)
+    environment = tables.configurations.environments[configuration]
+    file = tables.directory / "recordings" / f"{name}.parquet"
+    if not environment or not file.is_file():
+        return None
+    recordings = {each.run.run_index: each for each in read_recordings(file)}
+    recording = recordings.get(count.run_index)
+    if recording is None or len(recording.columns.get("t_ms", ())) < 2:
+        return None
+    scenario = scenario_of_row(tables.configurations.row(configuration), files)
+    situation = situation_of(scenario)
+    occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
+    difference = difference_of(scenario.environment.get(WORLD_KEY))
+    world = None if difference is None else world_of(occupancy, difference)
+    case = Case("", occupancy, situation, (), (), zones=zones_of([scenario]), world=world)
+    filmed = FilmedRun(case, recording, "fail", situation.circumscribed_radius_m)
+    mp4, size = _encoded(filmed)
+    if not mp4 or 4 * len(mp4) > 3 * MOST_BYTES:
+        return None
+    caption = f"{name}, run {count.run_index}: {recording.run.simulated_s:.1f} s, {number(filmed.times_real_time)} × real time. "
+    caption += "Dark: the robot. Orange: where it took itself to be. Ticks: recoveries and contacts."
+    alt = f"Film of run {count.run_index} of {name}, which failed: {count.cause}"
+    return Film(f"film-{name}-{count.run_index}", alt, caption, size, mp4)
+
+
+def _encoded(filmed: FilmedRun) -> tuple[bytes, tuple[int, int]]:
+    pictures = list(filmed.pictures())
+    with TemporaryDirectory(prefix="vastflow-") as folder:
+        file = Path(folder, "film.mp4")
+        try:
+            write_mp4(file, pictures, PICTURE_MS, LAST_MS, _CRF)
+        except FilmError as error:
+            LOGGER.warning("the report has no film: %s", error)
+            return b"", (0, 0)
+        return file.read_bytes(), pictures[0].size

@@ -1,0 +1,184 @@
+"""The explorer in a real browser: list, two ticked campaigns compared, back, and a running campaign to its stop."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+from chromium import CHROMIUM, Browser, chromium, opened
+
+from vastflow.oracles.results.events import EVENTS, Event
+from vastflow.oracles.results.unfinished import STOP, WRITER, writer
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")]
+
+PATIENCE_S = 60
+
+
+@pytest.fixture
+def explorer(results: Path) -> Iterator[str]:
+    """The address that `vastflow ui` prints."""
+    command = [sys.executable, "-m", "vastflow.flows.cli", "ui", str(results), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+        process.terminate()
+        process.wait(PATIENCE_S)
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Browser]:
+    """A browser whose page must not complain."""
+    with chromium(tmp_path / "chromium") as address:
+        browser = opened(address)
+        yield browser
+        assert browser.complaints == []
+
+
+def visit(browser: Browser, address: str) -> None:
+    browser.ask("Page.navigate", url=address)
+    until(browser, "document.readyState === 'complete' && location.protocol === 'http:'")
+
+
+def arrive(browser: Browser, path: str) -> None:
+    """Wait until a page that was gone to is there with its style."""
+    until(browser, f"location.pathname === '{path}' && document.readyState === 'complete'")
+
+
+def until(browser: Browser, expression: str) -> None:
+    """Wait until an expression of JavaScript is true."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not browser.value(f"Boolean({expression})"):
+        assert time.monotonic() < end_s, f"{expression}: {browser.value('document.body.innerText')}"
+        time.sleep(0.05)
+
+
+def press(browser: Browser, key: str, text: str = "") -> None:
+    codes = {"Tab": 9, "Enter": 13, " ": 32}
+    own = {"key": key, "windowsVirtualKeyCode": codes[key], **({"text": text} if text else {})}
+    browser.ask("Input.dispatchKeyEvent", type="keyDown", **own)
+    browser.ask("Input.dispatchKeyEvent", type="keyUp", **own)
+
+
+def narrow(browser: Browser, dark: bool) -> None:
+    browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+    features = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+    browser.ask("Emulation.setEmulatedMedia", features=features)
+
+
+def test_two_ticked_campaigns_are_compared_by_keyboard_alone(
+    browser: Browser, explorer: str, add_campaign: Callable[..., Path]
+) -> None:
+    for day, lost in ((20, 0), (21, 1), (22, 4)):
+        add_campaign(day, {"room": [lost, 1], "aisle": [0]})
+    visit(browser, explorer)
+    assert "token" not in browser.value("location.href")
+    rows = browser.value("[...document.querySelectorAll('tbody tr')].map(row => row.innerText)")
+    assert [re.search(r"2026-11-\d\d", row)[0] for row in rows] == ["2026-11-22", "2026-11-21", "2026-11-20"]
+    assert browser.value("document.querySelector('button.main').disabled")
+    ticked = 0
+    for _ in range(40):
+        press(browser, "Tab")
+        if browser.value("document.activeElement.type") == "checkbox" and ticked != 1:
+            press(browser, " ", " ")
+        ticked += browser.value("document.activeElement.type") == "checkbox"
+        if ticked == 3:
+            break
+    assert browser.value("document.querySelectorAll('input:checked').length") == 2
+    assert browser.value("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    assert not browser.value("document.querySelector('button.main').disabled")
+    browser.value("document.querySelector('button.main').focus()")
+    press(browser, "Enter", "\r")
+    arrive(browser, "/compare")
+    shown = browser.value("document.querySelector('table.plain').innerText")
+    assert shown.index("2026-11-20") < shown.index("2026-11-22")
+    assert "room-1" in browser.value("document.body.innerText")
+    browser.value("document.querySelector('details.picture').open = true")
+    until(browser, "document.querySelector('details.picture img').naturalWidth > 100")
+    browser.value("history.back()")
+    arrive(browser, "/")
+    until(browser, "document.querySelectorAll('input:checked').length === 2")
+    until(browser, "!document.querySelector('button.main').disabled")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_pages_fit_a_telephone(browser: Browser, explorer: str, add_campaign: Callable[..., Path], dark: bool) -> None:
+    for day, lost in ((20, 0), (21, 4)):
+        add_campaign(day, {"room": [lost, 1], "aisle": [0]}, text=f"version: 1\n{'# ' + 80 * 'x'}\n# {day}\n")
+    narrow(browser, dark)
+    visit(browser, explorer)
+    browser.value("for (const each of document.querySelectorAll('details')) each.open = true")
+    assert browser.value("document.documentElement.scrollWidth") <= 390
+    browser.value("document.querySelectorAll('input').forEach(each => each.click())")
+    browser.value("document.querySelector('button.main').click()")
+    arrive(browser, "/compare")
+    assert browser.value("document.documentElement.scrollWidth") <= 390
+    ground = browser.value("getComputedStyle(document.body).backgroundColor")
+    assert (sum(map(int, re.findall(r"\d+", ground))) < 200) == dark
+
+
+def test_running_campaign_is_followed_and_stopped_with_a_reason(
+    browser: Browser, explorer: str, results: Path, add_campaign: Callable[..., Path]
+) -> None:
+    add_campaign(20, {"room": [1]})
+    visit(browser, explorer)
+    until(browser, "document.querySelectorAll('tbody tr').length === 1")
+    place = results / ".office-2026-11-21-060000.running"
+    place.mkdir()
+    (place / WRITER).write_text(json.dumps(writer()))
+
+    def tell(event: str, **values: object) -> None:
+        with open(place / EVENTS, "ab") as file:
+            file.write(Event(datetime.now().astimezone(), event, values).line)
+
+    tell("began", name="<b>office</b>")
+    until(browser, "document.querySelector('tbody').innerText.includes('running')")  # without a reload
+    browser.value("document.querySelector('tbody a').click()")
+    arrive(browser, "/live")
+    until(browser, "!document.getElementById('stop').hidden")
+    of = {"configuration": "room <1>", "family": "room"}
+    tell("verdicts", **of, judgement="fail", reason="contact", runs=[3])
+    family = {"family": "room", "configurations": 1, "runs": 8, "passed": 0, "failed": 1, "not_judged": 0}
+    tell("progress", phase="running", runs_done=1, runs_total=8, executed=1, failed=1, families=[family])
+    until(browser, "document.querySelector('#lost a')")
+    assert browser.value("document.querySelector('#lost a').href").endswith("&configuration=room+%3C1%3E&run=3")
+    assert "room <1>" in browser.value("document.getElementById('lost').innerText")
+    until(browser, "document.getElementById('families').innerText.includes('1 of 8')")
+    assert browser.value("document.querySelector('h1').innerText").startswith("<b>office</b>")
+    browser.value("document.querySelector('[name=reason]').value = 'wrong file'")
+    browser.value("document.querySelector('#stop button').click()")
+    end_s = time.monotonic() + PATIENCE_S
+    while not (place / STOP).exists():
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
+    tell("stopped", reason=json.loads((place / STOP).read_text())["reason"])
+    (place / WRITER).unlink()
+    until(browser, "document.getElementById('end').innerText === 'The campaign stopped: wrong file.'")
+    assert browser.value("document.getElementById('stop').hidden")
+    visit(browser, browser.value("location.origin + '/'"))
+    assert "wrong file" in browser.value("document.querySelector('tbody').innerText")
+
+
+def test_campaign_that_ends_is_offered_at_its_own_page(
+    browser: Browser, explorer: str, results: Path, add_campaign: Callable[..., Path]
+) -> None:
+    place = results / ".office-2026-11-21-060000.running"
+    place.mkdir()
+    (place / WRITER).write_text(json.dumps(writer()))
+    began, ended = (Event(datetime.now().astimezone(), event, {"name": "office"}) for event in ("began", "ended"))
+    (place / EVENTS).write_bytes(began.line)
+    visit(browser, explorer)
+    browser.value("document.querySelector('tbody a').click()")
+    arrive(browser, "/live")
+    until(browser, "!document.getElementById('stop').hidden")
+    whole = add_campaign(21, {"room": [1]})
+    (whole / EVENTS).write_bytes(began.line + ended.line)
+    shutil.rmtree(place)
+    until(browser, "document.querySelector('#end a')")
+    assert browser.value("document.querySelector('#end a').href.replace('/campaign', '/live') === location.href")
