@@ -111,13 +111,12 @@ class Watched:
     def layers(self, sentence: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return header and arrays of a reply."""
         every_s = self.every * TICK_S
-        slow = self.every > EVERY_TICKS
         points = {"plan": self._plans, "scan": self._scans, "horizon": self._horizons, "particles": self._particles}
         costs = {"global": self._global, "local": self._local}
         placed = {name: each.packed() for name, each in points.items()}
         header = {
             "sentence": sentence,
-            "note": f"This run is long: its layers have a moment every {every_s:g} s." if slow else "",
+            "note": f"The layers have a moment every {every_s:g} s, and the global costmap {2 * REACH_M:g} m round the robot.",
             "every_s": every_s,
             "activities": [(a * TICK_S, (z + 1) * TICK_S, kind) for a, z, kind in bands(self._moments)],
             "units": {name: unit for name, (unit, _, _) in placed.items()},

@@ -18,7 +18,9 @@ export class Tracks {
    * @param {(t: number) => void} seek
    */
   constructor(place, sides, end, seek) {
-    Object.assign(this, { sides, seek, end: Math.max(end, 0.1) });
+    this.sides = sides;
+    this.seek = seek;
+    this.end = Math.max(end, 0.1);
     this.cursor = element("div", { class: "cursor" });
     const limits = { "aria-valuemin": 0, "aria-valuemax": end.toFixed(2) };
     this.line = track({ tabindex: 0, role: "slider", "aria-label": "Time", ...limits });
@@ -112,7 +114,7 @@ export class Tracks {
       if (context.measureText(text).width + 8 < width) context.fillText(text, x + 4, y + BAND / 2 - 1);
     }
     context.fillStyle = theme.muted;
-    context.fillText(`robot${name}`, 2, top + TICKS + BAND / 2 - 1);
+    if (activities.length) context.fillText(`robot${name}`, 2, top + TICKS + BAND / 2 - 1);
     if (lanes.length) context.fillText("scenario", 2, top + TICKS + 1.5 * BAND - 1);
     context.textAlign = "center";
     for (const { mark, t_s } of run.events) {

@@ -14,6 +14,7 @@ from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.world.map_file import map_content
 
 WALK = [(1.0 + 0.05 * i, 2.0) for i in range(41)]
 TASK = {"start_pose": {"x": 1.0, "y": 2.0, "yaw": 0.5}, "goal_pose": {"x": 3.8, "y": 2.0}}
@@ -167,3 +168,20 @@ def test_frames_leave_deviation_out_without_reference(directory: Path):
     header, arrays = unpacked(frames_of(replace(run, trace=None), "office-1"))
     assert "deviation_mm" not in arrays
     assert "Off the reference path" not in [plot["title"] for plot in header["signals"]]
+
+
+def test_frames_hold_world_and_masks_beside_the_map(directory: Path, tmp_path: Path):
+    run = stored_run(directory, "office-1", 0)
+    zone = np.zeros((20, 40), dtype=np.int8)
+    zone[5:9, 10:30] = 100
+    costmap = "global_costmap.global_costmap.ros__parameters"
+    system = {f"{costmap}.filters": ["k"], f"{costmap}.k.plugin": "nav2_costmap_2d::KeepoutFilter"}
+    system |= {"keepout_mask": map_content(write_map(tmp_path / "zone", zone, (1.0, 0.5)))}
+    environment = {**run.scenario.environment, "world": {"seed": 1, "wall_offset": 0.05}}
+    scenario = replace(run.scenario, environment=environment, system=system)
+    header, arrays = unpacked(frames_of(replace(run, scenario=scenario), "office-1"))
+    _, world, keepout = header["grids"]
+    assert [grid["kind"] for grid in header["grids"]] == ["map", "world", "keepout"]
+    assert np.count_nonzero(arrays[world["cells"]] == WALL) > 100
+    assert (keepout["x_m"], keepout["y_m"]) == (1.0, 0.5)
+    np.testing.assert_array_equal(arrays[keepout["cells"]], zone)
