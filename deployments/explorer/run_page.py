@@ -14,7 +14,8 @@ from vastflow.deployments.explorer.around import around_run
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.kept_layers import KeptLayers
 from vastflow.deployments.explorer.pages import Pages
-from vastflow.oracles.results.unusable import reading
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
+from vastflow.tasks.engine.executor import WorkerDied
 
 _BINARY: Final = "application/octet-stream"
 
@@ -61,6 +62,8 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         asked = kept.layers(campaign.path, _text(request, "configuration"), _number(request, "run"))
         try:
             content = await asyncio.shield(asyncio.wrap_future(asked))  # another page may wait for it too
+        except WorkerDied as error:
+            raise UnusableDirectory(f"This run can't be executed again: {error}.") from None
         except asyncio.CancelledError:
             raise HTTPException(503, "The explorer was ended.") from None
         return Response(content, media_type=_BINARY, headers={"Content-Encoding": "gzip"})

@@ -200,7 +200,7 @@ class Player {
         side.view.layers = new Layers(await fetchPacked(`/api/layers?${side.query}`));
         const { activities, sentence, note } = side.view.layers.header;
         side.activities = activities;
-        told.push(sentence, note);
+        told.push(sentence && `${side.run.name}: ${sentence}`, note);
       } catch (error) {
         told.push(`${side.run.name}: ${error instanceof Error ? error.message : error}`);
       }
@@ -208,7 +208,7 @@ class Player {
     execute.disabled = false;
     execute.hidden = this.views.some((view) => view.layers);
     for (const box of layers.querySelectorAll("input")) box.disabled &&= !execute.hidden;
-    said.textContent = told.filter(Boolean).join(" ");
+    said.textContent = [...new Set(told)].filter(Boolean).join(" ");
     this.repaint();
   }
 }

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from synthetic import SyntheticCampaign, a_recording, box_at, walled_room, write_map
+from unpacked import unpacked
 
 from vastflow.deployments.explorer.frames import FREE, UNKNOWN, WALL, StoredRun, frames_of, scenario_spans, stored_run
-from vastflow.deployments.explorer.packed import packed, unpacked
+from vastflow.deployments.explorer.packed import packed
 from vastflow.oracles.observation.trace import NOWHERE_MM
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.blocks import read_block

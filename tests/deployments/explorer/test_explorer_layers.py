@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from synthetic import walled_room, write_map
+from unpacked import unpacked
 
 from vastflow.deployments.explorer import kept_layers
 from vastflow.deployments.explorer.kept_layers import KeptLayers
 from vastflow.deployments.explorer.layers import Points, Watched, layers_of
-from vastflow.deployments.explorer.packed import unpacked
 from vastflow.oracles.replay.recorded import RecordedRun
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
@@ -180,6 +180,6 @@ def test_kept_layers_forget_many_bytes(kept, tmp_path: Path):
 def test_kept_layers_ask_again_after_an_error(kept, tmp_path: Path):
     layers, executed = kept
     for _ in range(2):
-        with pytest.raises(UnusableDirectory, match="can't be executed again: the worker process died 3 times"):
+        with pytest.raises(WorkerDied, match="the worker process died 3 times"):
             layers.layers(tmp_path, "broken", 0).result()
     assert len(executed) == 2

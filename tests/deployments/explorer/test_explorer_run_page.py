@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
+from unpacked import unpacked
 
 from vastflow.deployments.explorer import kept_layers
 from vastflow.deployments.explorer.around import around_run
-from vastflow.deployments.explorer.packed import unpacked
 from vastflow.oracles.results.unusable import UnusableDirectory
 
 
