@@ -104,7 +104,8 @@ class Comparisons:
             return found
 
     def _tables(self, campaign: CampaignDirectory) -> Tables:
-        """Return the tables of a campaign, those of a kept comparison if it is in one: they take 100 MB each."""
+        """Return the tables of a campaign, if possible those of a kept comparison."""
+        # They take 100 MB each.
         for question, found in self._known.items():
             for side, tables in ((question.before, found.before), (question.after, found.after)):
                 if side == campaign:

@@ -91,7 +91,7 @@ def _changed(previous: CampaignDirectory, texts: Sequence[list[str]], others: tu
 
 
 def _line_text(line: str) -> str:
-    """Return the text of a line of a unified difference; a gap says where it goes on in the later file."""
+    """Return the text of a line of a unified difference, or the number of the line after a gap."""
     if not line.startswith("@@"):
         return line[1:]
     return f"line {line.split('+')[1].split(' ')[0].split(',')[0]}"

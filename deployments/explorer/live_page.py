@@ -1,13 +1,12 @@
 """The live page: a campaign while it runs, its runs so far, and the request to stop it."""
 
+import asyncio
 import json
 import time
 from collections.abc import AsyncIterator
 from datetime import datetime
 from typing import Any, Final
 
-import anyio
-from anyio.to_thread import run_sync
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
@@ -76,18 +75,18 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         return RedirectResponse(address("/run", c=shown.id, configuration=name, run=run_index), 303)
 
     async def events(request: Request) -> Response:
-        follower = Follower(await run_sync(directories.find, request.query_params.get("c", "")))
+        follower = Follower(await asyncio.to_thread(directories.find, request.query_params.get("c", "")))
         return StreamingResponse(_stream(follower), media_type="text/event-stream")
 
     async def stop(request: Request) -> Response:
-        campaign = await run_sync(directories.find, request.query_params.get("c", ""))
+        campaign = await asyncio.to_thread(directories.find, request.query_params.get("c", ""))
         try:
             reason = json.loads(await _body(request))["reason"].strip()
         except (ValueError, LookupError, TypeError, AttributeError):
             reason = ""
         if not reason:
             raise HTTPException(400, "Expected a reason why the campaign shall stop.")
-        await run_sync(ask_to_stop, campaign.path, reason)
+        await asyncio.to_thread(ask_to_stop, campaign.path, reason)
         return JSONResponse({"asked": reason})
 
     return [
@@ -108,10 +107,10 @@ async def _body(request: Request) -> bytes:
 
 
 async def _stream(follower: Follower) -> AsyncIterator[str]:
-    """Yield states as they change, the last one that of the end; a comment now and then shows that somebody is there."""
+    """Yield states as they change, to that of the end, and comments as signs of life."""
     shown, said_s = "", time.monotonic()
     while True:
-        text = json.dumps(await run_sync(follower.look))
+        text = json.dumps(await asyncio.to_thread(follower.look))
         if text != shown:
             shown, said_s = text, time.monotonic()
             yield f"data: {text}\n\n"
@@ -120,4 +119,4 @@ async def _stream(follower: Follower) -> AsyncIterator[str]:
             yield ": still here\n\n"
         if follower.live.over:
             return
-        await anyio.sleep(EVERY_S)
+        await asyncio.sleep(EVERY_S)

@@ -113,7 +113,7 @@ def test_log_of_full_disk_costs_events_alone(campaign, tmp_path, caplog):
     with new_directory(tmp_path, "room", CREATED) as directory:
         (directory.running / EVENTS).symlink_to("/dev/full")
         log = EventLog(directory, computing)
-        log.begin("room", run.campaign.path)
+        log.begin("room", run.campaign.path, run.request)
         counted(computing.tally)
         log.close("ended")
     assert "events are lost, they can't be written (No space left on device)" in caplog.text
