@@ -22,7 +22,7 @@ RunPlace: TypeAlias = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Around:
-    """Other runs that a run leads to.
+    """The runs around a run.
 
     Attributes:
         before, after: The failed runs before and after it, in the order of the configurations; None where there is none.

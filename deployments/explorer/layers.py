@@ -159,7 +159,10 @@ class Points:
         self._spans.append((self._n - n, self._n))
 
     def packed(self) -> tuple[Unit, NDArray[np.int16], NDArray[np.uint32]]:
-        """Return all points (N, 2) in units of a millimeter or more, and first and end (M, 2) of each moment's."""
+        """Return all points (N, 2) in units, and the spans (M, 2) of moments.
+
+        A unit is a millimeter, or more where points are farther apart. A span is the first of a moment's points, and their end.
+        """
         xy_m = np.concatenate([np.empty((0, 2)), *self._parts])
         low, high = (xy_m.min(axis=0), xy_m.max(axis=0)) if len(xy_m) else (np.zeros(2), np.zeros(2))
         middle, size_m = (low + high) / 2, max(0.001, float((high - low).max()) / 2 / LARGEST)
