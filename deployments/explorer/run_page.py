@@ -33,8 +33,9 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     def run(request: Request) -> Response:
         campaign = directories.find(_text(request, "c"))
         configuration, run_index = _text(request, "configuration"), _number(request, "run")
-        # A form that chooses no other run sends an empty one.
+        # A form that chooses no other run sends an empty one. One of another campaign has its id as `withc`.
         beside = (_text(request, "with"), _number(request, "withrun")) if request.query_params.get("withrun") else None
+        elsewhere = "withc" in request.query_params or (beside is not None and beside[0] != configuration)
         around = around_run(campaign.path, configuration, run_index)
         return pages.page(
             request,
@@ -43,6 +44,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             configuration=configuration,
             run=run_index,
             beside=beside,
+            elsewhere=elsewhere,
             around=around,
         )
 

@@ -213,15 +213,18 @@ class Player {
   }
 }
 
-async function sideOf(configuration, run) {
-  const place = String(new URLSearchParams({ c: query.get("c") || "", configuration, run }));
-  return { run: new Run(await fetchPacked(`/api/frames?${place}`)), query: place };
+async function sideOf(c, configuration, run) {
+  const place = String(new URLSearchParams({ c, configuration, run }));
+  const found = new Run(await fetchPacked(`/api/frames?${place}`));
+  if (query.get("withc")) found.name += ` of ${c}`;
+  return { run: found, query: place };
 }
 
 find("form.bar").addEventListener("change", () => /** @type {HTMLFormElement} */ (find("form.bar")).submit());
 try {
-  const runs = [sideOf(query.get("configuration") || "", query.get("run") || "")];
-  if (query.get("withrun")) runs.push(sideOf(query.get("with") || "", query.get("withrun") || ""));
+  const given = (name) => query.get(name) || "";
+  const runs = [sideOf(given("c"), given("configuration"), given("run"))];
+  if (given("withrun")) runs.push(sideOf(given("withc") || given("c"), given("with"), given("withrun")));
   const player = new Player(await Promise.all(runs));
   said.textContent = "";
   if (query.get("layers") === "1") await player.load();

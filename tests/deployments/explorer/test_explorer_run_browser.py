@@ -59,6 +59,10 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     campaign.configurations[-1] |= {"timeout_s": EXECUTED_S, "scenario_digest": executed.digest}
     campaign.metadata |= {"name": "office", "created": "2026-11-03T06:00:00"}
     directory = campaign.write()
+    earlier = SyntheticCampaign(folder / "office-2026-11-02-060000")
+    earlier.add("desk-1", "desk", room, TASK, recordings=[a_recording(WALK[:31])])
+    earlier.metadata |= {"name": "office", "created": "2026-11-02T06:00:00"}
+    earlier.write()
     names = {"configuration": ["executed-1"] * len(recording.behaviors["t_s"])}
     behaviors = {**names, "run_index": np.zeros(len(names["configuration"]), dtype=np.int64), **recording.behaviors}
     pq.write_table(pa.table(behaviors), directory / "behaviors.parquet")
@@ -90,8 +94,8 @@ def debugged(tmp_path_factory: pytest.TempPathFactory, place: str) -> Iterator[s
 class Page:
     """The page of a run in a browser."""
 
-    def __init__(self, browser: Browser, place: str, campaign: str) -> None:
-        self.browser, self._place, self._campaign = browser, place, campaign
+    def __init__(self, browser: Browser, place: str, campaign: str, earlier: str) -> None:
+        self.browser, self._place, self._campaign, self.earlier = browser, place, campaign, earlier
 
     def open(self, configuration: str = NAME, run_index: int = 0, **others: object) -> None:
         query = {"c": self._campaign, "configuration": configuration, "run": run_index, "paused": 1, **others}
@@ -143,8 +147,8 @@ def page(debugged: str, place: str, results: Path) -> Iterator[Page]:
     browser = opened(debugged)
     browser.ask("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
     browser.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "light"}])
-    (campaign,) = Directories([results]).all()
-    yield Page(browser, place, campaign.id)
+    campaign, earlier = Directories([results]).all()
+    yield Page(browser, place, campaign.id, earlier.id)
     assert browser.complaints == []
 
 
@@ -247,6 +251,13 @@ def test_lock_step_has_one_clock_and_the_longer_end(page: Page):
     assert page.color_at(4.95, 2.1, 1) == [28, 33, 38]
     assert "robot 1" not in page.text(".tracks .muted")
     assert " | " in page.text(".tracks .muted")
+
+
+def test_lock_step_takes_a_run_of_another_campaign(page: Page):
+    page.open(**{"with": "desk-1", "withrun": 0, "withc": page.earlier, "t": 2})
+    assert page.shows("2.00 s of 3.10 s")
+    assert f"desk-1, run 0 of {page.earlier}" in page.text(".maps")
+    assert page.color_at(2.95, 2.1, 1) == [28, 33, 38]
 
 
 def test_layers_come_on_request_and_are_said_to_be_equal(page: Page):
