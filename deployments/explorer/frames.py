@@ -65,6 +65,19 @@ SIGNALS: Final[Sequence[Mapping[str, Any]]] = (
 )
 """Plots below the map; the lines are stored columns of thousandths."""
 
+ERRORS: Final[Mapping[int, str]] = {
+    103: "invalid path",
+    104: "patience exceeded",
+    105: "failed to make progress",
+    203: "start outside map",
+    204: "goal outside map",
+    205: "start occupied",
+    206: "goal occupied",
+    207: "timeout",
+    208: "no valid path",
+}
+"""Nav2's codes and names; planning through poses has those of planning to a pose, 100 higher."""
+
 FREE, WALL, UNKNOWN = 0, 1, 2
 """Cells of maps in a reply; those of masks are 0 to 100."""
 
@@ -202,7 +215,9 @@ def _words(event: Event) -> str:
         case "contact":
             return f"contact with {event.what} at {event.value:.2f} m/s"
         case "plan_failed" | "control_failed":
-            return f"{'planner' if event.kind == 'plan_failed' else 'controller'} failed, Nav2's error {event.what}"
+            code = int(event.what)
+            name = ERRORS.get(code - 100 if code >= 300 else code, "unknown error")
+            return f"{'planner' if event.kind == 'plan_failed' else 'controller'} failed: {name} ({code})"
         case "goal_reached" | "goal_missed":
             return f"goal {int(event.what) + 1} {'reached' if event.kind == 'goal_reached' else 'given up'}"
         case "spawned" | "deleted":
