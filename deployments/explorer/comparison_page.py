@@ -142,8 +142,9 @@ def changed(found: "Compared", question: Question, changes: list[Change]) -> Ite
         runs = []
         for k in differ.tolist():
             then, now = int(pairing.run_before[k]), int(pairing.run_after[k])
-            other = {"with": match.before, "withrun": then, "withc": question.before.id}
-            place = address("/run", c=question.after.id, configuration=match.after, run=now, **other)
+            # The baseline is A there, as it is here.
+            candidate = {"with": match.after, "withrun": now, "withc": question.after.id}
+            place = address("/run", c=question.before.id, configuration=match.before, run=then, **candidate)
             words = [_WORDS.get(int(side[k]), "not judged") for side in (before, after)]
             runs.append(PairedRun(now, words[0], words[1], place))
         yield ChangedConfiguration(match.after, match.before, change, tuple(runs))

@@ -5,7 +5,7 @@ import sys
 import threading
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from pydantic import ValidationError
 
@@ -14,11 +14,6 @@ from vastflow.flows.request.run_request import RunRequest
 from vastflow.oracles.results.events import EventReader
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.digest import digest
-from vastflow.sim.model.faults import UserError
-
-if TYPE_CHECKING:
-    from vastflow.flows.results.tables import StoredResult
-    from vastflow.producers.model.configuration import Configuration
 
 PATIENCE_S: Final = 120
 _SHARED: Final = ("store", "map_dir", "as_v1")
@@ -59,7 +54,7 @@ def _fetch(campaign: CampaignDirectory, configuration: str, run_index: int, plac
         request, folder = RunRequest.model_validate({**asked, **own}), str(values["folder"])
     except (LookupError, ValidationError):
         raise UnusableDirectory(f"{campaign.name}: its events don't tell how it was begun.") from None
-    command = [sys.executable, "-m", __name__, request.model_dump_json()]
+    command = [sys.executable, "-m", "vastflow.flows.run.stored", request.model_dump_json()]
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
         wrong = (done.stderr.strip().splitlines() or ["no reason given"])[-1] if done.returncode else ""
@@ -67,50 +62,3 @@ def _fetch(campaign: CampaignDirectory, configuration: str, run_index: int, plac
         wrong = str(error)
     if wrong:
         raise UnusableDirectory(f"{configuration}, run {run_index}, can't be had from the store: {wrong}")
-
-
-def write(request: RunRequest) -> None:
-    """Write the campaign directory of stored runs, without a report; nothing is computed.
-
-    Raises:
-        UserError: the store lacks runs, or the campaign file is another by now.
-    """
-    from vastflow.flows.results.directory import new_directory
-    from vastflow.flows.results.results import write_results
-    from vastflow.flows.results.tables import StoredResult
-    from vastflow.flows.run.judged import look
-    from vastflow.flows.run.prepared import open_run
-
-    with open_run(request) as (run, computing):
-        run.store.refresh()
-        judged = look(run, computing)
-        if judged is None or judged.incomplete(computing.engine):
-            raise UserError("not all runs up to it are judged yet, or the campaign file has changed")
-
-        def found(configuration: "Configuration") -> "StoredResult":
-            own = judged.found[configuration.name]
-            return StoredResult(run.store, own.stored, own.configuration.runs, [])
-
-        with new_directory(run.delivery.folder, run.name, computing.created) as directory, directory.writing():
-            write_results(
-                directory,
-                run.campaign,
-                run.inputs,
-                judged.instantiated.instantiation,
-                found,
-                runs=judged.runs,
-                oracles=[oracle.name for oracle in run.opened.oracles],
-                keys=run.keys,
-                record=run.record,
-                faults=judged.faults,
-                created=computing.created,
-                work=run.work,
-                report=lambda place: None,
-            )
-
-
-if __name__ == "__main__":
-    try:
-        write(RunRequest.model_validate_json(sys.argv[1]))
-    except UserError as error:
-        sys.exit(str(error))

@@ -257,6 +257,7 @@ def asleep(tmp_path, prefect_home):
     started = []
 
     def start(results):
+        before = {*unfinished(tmp_path / results)}
         command = ["run", "asleep.vast", "--results", results, "--store", f"store-{results}", "--workers", "1"]
         process = subprocess.Popen(
             [sys.executable, "-m", "vastflow.flows.cli", *command],
@@ -269,7 +270,7 @@ def asleep(tmp_path, prefect_home):
         started.append(process)
         deadline_s = time.monotonic() + 120
         while process.poll() is None and time.monotonic() < deadline_s:
-            for place in unfinished(tmp_path / results):
+            for place in {*unfinished(tmp_path / results)} - before:
                 if any(event.event == "executed" for event in EventReader(place).new()):
                     return process, place
             time.sleep(0.1)

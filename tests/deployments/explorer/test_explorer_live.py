@@ -246,7 +246,7 @@ def test_run_of_running_campaign_is_shown_from_the_store(client, results, runnin
     place = running()
     (place / EVENTS).write_bytes(event("began", **told).line)
     asked = {"c": id_of(place), "configuration": "room-2", "run": "1"}
-    assert "not all runs up to it are judged yet" in client.get("/live-run", params=asked).text
+    assert "not all of these runs are judged yet" in client.get("/live-run", params=asked).text
     command = [sys.executable, "-m", "vastflow.flows.cli", "run", "room.vast", "--store", "store", "--results", "other"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=600)
     reply = client.get("/live-run", params=asked)
