@@ -157,7 +157,11 @@ def moment_of(stack: Stack, tick: int) -> Moment:
 
 
 def snapshot_of(stack: Stack, moment: Moment, box: Box, overview: bool = True) -> TickSnapshot:
-    """Copy the state at a moment, and the costs in a part of the map; without `overview`, that of the whole is empty."""
+    """Copy the state at a moment, and the costs in a part of the map.
+
+    Args:
+        overview: False for an empty one, which takes no time.
+    """
     m, p, frame = stack.m[0], stack.p[0], _frame(stack)
     odom = Pose(float(m["map_odom_x"]), float(m["map_odom_y"]), float(m["map_odom_yaw"]))
     plan = stack.route.path[int(m["path_i"]) : int(m["path_n"]), :2].copy()

@@ -9,11 +9,13 @@ from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from vastflow.deployments.explorer.around import configuration_row
 from vastflow.deployments.explorer.packed import packed
 from vastflow.oracles.figures.scene import known_cells, zones_of
-from vastflow.oracles.judgement.verdict import Judgement, run_judgement
+from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, Trace, trace_of
@@ -22,7 +24,6 @@ from vastflow.oracles.results.schema import behaviors_of, read_columns
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.blocks import read_block, read_recordings
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns, Event, Recording
@@ -64,6 +65,19 @@ SIGNALS: Final[Sequence[Mapping[str, Any]]] = (
 )
 """Plots below the map; the lines are stored columns of thousandths."""
 
+ERRORS: Final[Mapping[int, str]] = {
+    103: "invalid path",
+    104: "patience exceeded",
+    105: "failed to make progress",
+    203: "start outside map",
+    204: "goal outside map",
+    205: "start occupied",
+    206: "goal occupied",
+    207: "timeout",
+    208: "no valid path",
+}
+"""Nav2's codes and names; planning through poses has those of planning to a pose, 100 higher."""
+
 FREE, WALL, UNKNOWN = 0, 1, 2
 """Cells of maps in a reply; those of masks are 0 to 100."""
 
@@ -77,7 +91,6 @@ class StoredRun:
         recording, trace: None where the run was not recorded.
         derived: Stored columns of the trace.
         verdicts: Rows of `verdicts.parquet`, one for each oracle.
-        others: Run index to joint judgement, for all runs of the configuration.
     """
 
     configuration: str
@@ -87,37 +100,30 @@ class StoredRun:
     trace: Trace | None = field(repr=False)
     derived: Mapping[str, NDArray[np.int32]] = field(repr=False)
     verdicts: Sequence[Mapping[str, Any]] = field(repr=False)
-    others: Mapping[int, Judgement] = field(repr=False)
 
 
-def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun:
+def stored_run(directory: Path, configuration: str, run_index: int, files: KeptFiles | None = None) -> StoredRun:
     """Read a run from a campaign directory.
+
+    Args:
+        files: Of the directory, if it was read before; to find a file it may read all of them.
 
     Raises:
         UnusableDirectory: an unknown configuration or run; a missing or damaged file.
     """
     with reading(directory.name):
-        table = read_columns(directory / "configurations.parquet")
-        found = table.filter(pc.equal(table["name"], configuration)).to_pylist()
-        if not found:
-            hint = did_you_mean(configuration, table["name"].to_pylist(), "it has none", listed="it has")
-            raise UnusableDirectory(f"{directory.name}: no configuration {configuration!r}; {hint}")
-        name = found[0]["duplicate_of"] or configuration
-        judged = read_columns(directory / "verdicts.parquet")
-        verdicts = judged.filter(pc.equal(judged["configuration"], name)).to_pylist()
-        said: dict[int, list[Judgement]] = {}
-        for verdict in verdicts:
-            said.setdefault(verdict["run_index"], []).append(verdict["judgement"])
-        if run_index not in said:
-            known = f"0 to {max(said)}" if said else "of which it has none"
-            raise UnusableDirectory(f"{directory.name}: {name}: expected the number of a run, {known}, got {run_index}")
+        row = configuration_row(directory, read_columns(directory / "configurations.parquet"), configuration)
+        name = row["duplicate_of"] or configuration
+        verdicts = pq.read_table(directory / "verdicts.parquet", filters=[("configuration", "==", name)])
+        verdicts = verdicts.filter(pc.field("run_index") == run_index).to_pylist()
+        if not verdicts:
+            raise UnusableDirectory(f"{directory.name}: {name} has no run {run_index}")
         return StoredRun(
             name,
             run_index,
-            scenario_of_row(found[0], KeptFiles(directory)),
+            scenario_of_row(row, files or KeptFiles(directory)),
             *_recorded(directory, name, run_index),
-            [verdict for verdict in verdicts if verdict["run_index"] == run_index],
-            {run: run_judgement(judgements) for run, judgements in sorted(said.items())},
+            verdicts,
         )
 
 
@@ -153,9 +159,8 @@ def frames_of(run: StoredRun, asked: str) -> bytes:
         "configuration": asked,
         "executed": run.configuration,
         "run": run.run_index,
-        "judgement": run.others[run.run_index],
+        "judgement": run_judgement([verdict["judgement"] for verdict in run.verdicts]),
         "verdicts": [{**verdict, "metrics": json.loads(verdict["metrics"])} for verdict in run.verdicts],
-        "runs": [*run.others.items()],
         "sentence": "",
         "tick_s": TICK_S,
     }
@@ -210,7 +215,9 @@ def _words(event: Event) -> str:
         case "contact":
             return f"contact with {event.what} at {event.value:.2f} m/s"
         case "plan_failed" | "control_failed":
-            return f"{'planner' if event.kind == 'plan_failed' else 'controller'} failed, Nav2's error {event.what}"
+            code = int(event.what)
+            name = ERRORS.get(code - 100 if code >= 300 else code, "unknown error")
+            return f"{'planner' if event.kind == 'plan_failed' else 'controller'} failed: {name} ({code})"
         case "goal_reached" | "goal_missed":
             return f"goal {int(event.what) + 1} {'reached' if event.kind == 'goal_reached' else 'given up'}"
         case "spawned" | "deleted":

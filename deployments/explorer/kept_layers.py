@@ -2,13 +2,11 @@
 
 import threading
 import weakref
-from collections import OrderedDict
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.oracles.results.unusable import UnusableDirectory
-from vastflow.tasks.engine.executor import Priority, WorkerDied
+from vastflow.tasks.engine.executor import Priority
 from vastflow.tasks.engine.pool import Pool
 
 KEPT_RUNS: Final = 8
@@ -31,7 +29,7 @@ class KeptLayers:
     """The layers of runs, executed in a process of their own; those of the last runs are kept."""
 
     def __init__(self) -> None:
-        self._asked: OrderedDict[tuple[Any, ...], Future[bytes]] = OrderedDict()
+        self._asked: dict[tuple[Any, ...], Future[bytes]] = {}
         self._lock = threading.Lock()
         self._pool: Pool | None = None
 
@@ -44,11 +42,12 @@ class KeptLayers:
     def _running(self) -> Pool:
         if self._pool is None:
             self._pool = Pool(1)
-            weakref.finalize(self, self._pool.close)
+            # At the interpreter's exit the pool ends by itself, before finalizers could ask for it.
+            weakref.finalize(self, self._pool.close).atexit = False
         return self._pool
 
     def layers(self, directory: Path, configuration: str, run_index: int) -> "Future[bytes]":
-        """Return the compressed layers of a run; the future may raise `UnusableDirectory`."""
+        """Return the compressed layers of a run; the future may raise `UnusableDirectory` or `WorkerDied`."""
         recordings = directory / "recordings" / f"{configuration}.parquet"
         try:
             written = recordings.stat().st_mtime_ns
@@ -56,27 +55,13 @@ class KeptLayers:
             written = 0  # a duplicate's are its original's
         key = directory, configuration, run_index, written
         with self._lock:
-            if key in self._asked:
-                self._asked.move_to_end(key)
-                return self._asked[key]
-            found = self._running().submit(_layers, directory, configuration, run_index, priority=Priority.EXECUTE)
-            self._asked[key] = told = Future[bytes]()
-        found.add_done_callback(lambda done: self._landed(key, told, done))
-        return told
-
-    def _landed(self, key: tuple[Any, ...], told: "Future[bytes]", done: "Future[bytes]") -> None:
-        error = done.exception()
-        with self._lock:
-            if error is not None:
-                self._asked.pop(key, None)
-        if error is None:
-            told.set_result(done.result())
-        elif isinstance(error, WorkerDied):
-            told.set_exception(UnusableDirectory(f"This run can't be executed again: {error}."))
-        else:
-            told.set_exception(error)
-        with self._lock:
+            known = self._asked.pop(key, None)
+            if known is None or (known.done() and known.exception()):
+                pool = self._running()
+                known = pool.submit(_layers, directory, configuration, run_index, priority=Priority.EXECUTE)
+            self._asked[key] = known
             self._shorten()
+            return known
 
     def _shorten(self) -> None:
         """Forget the layers that were asked for longest ago, while there are too many."""

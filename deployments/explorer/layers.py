@@ -111,13 +111,12 @@ class Watched:
     def layers(self, sentence: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return header and arrays of a reply."""
         every_s = self.every * TICK_S
-        slow = self.every > EVERY_TICKS
         points = {"plan": self._plans, "scan": self._scans, "horizon": self._horizons, "particles": self._particles}
         costs = {"global": self._global, "local": self._local}
         placed = {name: each.packed() for name, each in points.items()}
         header = {
             "sentence": sentence,
-            "note": f"This run is long: its layers have a moment every {every_s:g} s." if slow else "",
+            "note": f"The layers have a moment every {every_s:g} s, and the global costmap {2 * REACH_M:g} m round the robot.",
             "every_s": every_s,
             "activities": [(a * TICK_S, (z + 1) * TICK_S, kind) for a, z, kind in bands(self._moments)],
             "units": {name: unit for name, (unit, _, _) in placed.items()},
@@ -160,7 +159,10 @@ class Points:
         self._spans.append((self._n - n, self._n))
 
     def packed(self) -> tuple[Unit, NDArray[np.int16], NDArray[np.uint32]]:
-        """Return all points (N, 2) in units of a millimeter or more, and first and end (M, 2) of each moment's."""
+        """Return all points (N, 2) in units, and the spans (M, 2) of moments.
+
+        A unit is a millimeter, or more where points are farther apart. A span is the first of a moment's points, and their end.
+        """
         xy_m = np.concatenate([np.empty((0, 2)), *self._parts])
         low, high = (xy_m.min(axis=0), xy_m.max(axis=0)) if len(xy_m) else (np.zeros(2), np.zeros(2))
         middle, size_m = (low + high) / 2, max(0.001, float((high - low).max()) / 2 / LARGEST)

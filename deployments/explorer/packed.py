@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping
 from typing import Any, Final
 
-import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.results.schema import plain
@@ -34,15 +33,3 @@ def packed(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> byt
         offset += len(content)
     line = json.dumps(plain({**header, "arrays": places}), ensure_ascii=False, separators=(",", ":")).encode()
     return b"".join([line, b" " * (-(len(line) + 1) % _ALIGNED), b"\n", *parts])
-
-
-def unpacked(content: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Read a packed reply as header and arrays."""
-    line, _, body = content.partition(b"\n")
-    header = json.loads(line)
-    arrays = {}
-    for name, place in header["arrays"].items():
-        count = int(np.prod(place["shape"]))
-        array = np.frombuffer(body, np.dtype(place["type"]).newbyteorder("<"), count, place["offset"])
-        arrays[name] = array.reshape(place["shape"])
-    return header, arrays

@@ -1,47 +1,60 @@
 """The page of a run: its replay, the frames of its recording, and the layers of its execution."""
 
 import asyncio
+import functools
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Any, Final
 
-import numpy as np
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
+from vastflow.deployments.explorer.around import around_run
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.kept_layers import KeptLayers
 from vastflow.deployments.explorer.pages import Pages
-from vastflow.oracles.results.schema import integers
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
+from vastflow.tasks.engine.executor import WorkerDied
 
 _BINARY: Final = "application/octet-stream"
-
-RunPlace: TypeAlias = tuple[str, int]
-"""Configuration and run index."""
 
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page."""
     kept = KeptLayers()
 
+    @functools.lru_cache(maxsize=8)
+    def files_of(directory: Path, written_ns: int) -> Any:
+        from vastflow.oracles.results.executed import KeptFiles  # a second of imports
+
+        return KeptFiles(directory)
+
     def run(request: Request) -> Response:
         campaign = directories.find(_text(request, "c"))
-        shown = _text(request, "configuration"), _number(request, "run")
-        before, after = failed_neighbors(campaign.path, *shown)
+        configuration, run_index = _text(request, "configuration"), _number(request, "run")
+        # A form that chooses no other run sends an empty one. One of another campaign has its id as `withc`.
+        beside = (_text(request, "with"), _number(request, "withrun")) if request.query_params.get("withrun") else None
+        elsewhere = "withc" in request.query_params or (beside is not None and beside[0] != configuration)
+        around = around_run(campaign.path, configuration, run_index)
         return pages.page(
-            request, "run.html.j2", campaign=campaign, configuration=shown[0], run=shown[1], before=before, after=after
+            request,
+            "run.html.j2",
+            campaign=campaign,
+            configuration=configuration,
+            run=run_index,
+            beside=beside,
+            elsewhere=elsewhere,
+            around=around,
         )
 
     def frames(request: Request) -> Response:
-        from vastflow.deployments.explorer.frames import frames_of, stored_run  # a second of imports
+        from vastflow.deployments.explorer.frames import frames_of, stored_run  # a second of imports too
 
         campaign = directories.find(_text(request, "c"))
         configuration = _text(request, "configuration")
-        stored = stored_run(campaign.path, configuration, _number(request, "run"))
+        files = files_of(campaign.path, campaign.path.stat().st_mtime_ns)
+        stored = stored_run(campaign.path, configuration, _number(request, "run"), files)
         kept.prepare()
         with reading(campaign.path.name):
             return Response(frames_of(stored, configuration), media_type=_BINARY)
@@ -49,7 +62,12 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     async def layers(request: Request) -> Response:
         campaign = await asyncio.to_thread(directories.find, _text(request, "c"))
         asked = kept.layers(campaign.path, _text(request, "configuration"), _number(request, "run"))
-        content = await asyncio.shield(asyncio.wrap_future(asked))  # another page may wait for it too
+        try:
+            content = await asyncio.shield(asyncio.wrap_future(asked))  # another page may wait for it too
+        except WorkerDied as error:
+            raise UnusableDirectory(f"This run can't be executed again: {error}.") from None
+        except asyncio.CancelledError:
+            raise HTTPException(503, "The explorer was ended.") from None
         return Response(content, media_type=_BINARY, headers={"Content-Encoding": "gzip"})
 
     return [Route("/run", run), Route("/api/frames", frames), Route("/api/layers", layers)]
@@ -65,30 +83,3 @@ def _number(request: Request, name: str) -> int:
     if not (given := _text(request, name)).isdecimal() or len(given) > 9:
         raise HTTPException(400, f"{name}: expected a whole number from 0, got {given!r}")
     return int(given)
-
-
-def failed_neighbors(directory: Path, configuration: str, run_index: int) -> tuple[RunPlace | None, RunPlace | None]:
-    """Return the failed runs before and after a run, in the order of the configurations; None where there is none.
-
-    Raises:
-        UnusableDirectory: a missing or damaged table, or an unknown configuration.
-    """
-    with reading(directory.name):
-        columns = ["configuration", "run_index", "judgement"]
-        verdicts = pq.ParquetFile(directory / "verdicts.parquet", read_dictionary=["configuration", "judgement"])
-        failed = verdicts.read(columns=columns).filter(pc.field("judgement") == "fail")
-        rows = pq.ParquetFile(directory / "configurations.parquet").read(columns=["name", "duplicate_of"])
-        names = rows["name"].to_pylist()
-        if configuration not in names:
-            raise UnusableDirectory(f"{directory.name}: expected the name of a configuration, got {configuration!r}")
-        name = rows["duplicate_of"][names.index(configuration)].as_py() or configuration
-        place = integers(
-            pc.index_in(pc.cast(failed["configuration"], "string"), value_set=rows["name"].combine_chunks())
-        )
-    found = np.unique(place << 32 | integers(failed["run_index"]))
-    here = names.index(name) << 32 | run_index
-
-    def at(index: int) -> RunPlace | None:
-        return (names[found[index] >> 32], int(found[index] & 0xFFFFFFFF)) if 0 <= index < len(found) else None
-
-    return at(int(np.searchsorted(found, here)) - 1), at(int(np.searchsorted(found, here, side="right")))

@@ -1,26 +1,25 @@
 /** The player: one or two runs on one clock. */
 
-import { element, showError } from "./dom.js";
+import { element } from "./dom.js";
 import { fetchPacked } from "./packed.js";
-import { SPEEDS, controls, layerBoxes } from "./player_controls.js";
-import { helpDialog, onKeys } from "./player_keys.js";
+import { onActions, onLayers } from "./player_keys.js";
 import { MapView } from "./player_map.js";
-import { choices, panel } from "./player_panels.js";
+import { panel } from "./player_panels.js";
 import { Layers, Run } from "./player_run.js";
 import { readTheme } from "./player_theme.js";
 import { Tracks } from "./player_tracks.js";
 
 const query = new URLSearchParams(location.search);
-const EXECUTE = "execute again for more layers";
+const find = (selector) => /** @type {HTMLElement} */ (document.querySelector(selector));
+const [said, play, time, layers] = ["#said", "[data-action=toggle]", ".time", "#layers"].map(find);
+const execute = /** @type {HTMLButtonElement} */ (find("[data-action=execute]"));
+const speed = /** @type {HTMLSelectElement} */ (find("#speed"));
 /** Longest step of the clock, so that a page that was hidden does not jump. */
 const MOST_S = 0.25;
 
 class Player {
-  /**
-   * @param {HTMLElement} place
-   * @param {Array<{run: Run, query: string}>} sides The query asks for the run.
-   */
-  constructor(place, sides) {
+  /** @param {Array<{run: Run, query: string}>} sides The query asks for the run. */
+  constructor(sides) {
     this.sides = sides.map((side) => ({
       ...side,
       view: null,
@@ -31,13 +30,18 @@ class Player {
     this.tick = sides[0].run.header.tick_s;
     this.t = Math.min(Math.max(Number(query.get("t")) || 0, 0), this.end);
     this.frame = 0;
-    this.speed = 1;
-    this.shown = new Set();
-    this.#build(place);
-    new ResizeObserver(() => this.repaint()).observe(place);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.repaint());
-    onKeys(this.actions);
-    this.repaint();
+    find(".maps").replaceChildren(...this.sides.map((side, k) => this.#map(side, k)));
+    find(".panels").replaceChildren(...sides.map(({ run }) => panel(run, (t) => this.seek(t))));
+    find("#controls").hidden = !this.views.length;
+    this.tracks = new Tracks(find(".tracks"), this.sides, this.end, (t) => this.seek(t));
+    onActions(this.actions);
+    onLayers(layers, (shown) => {
+      this.shown = shown;
+      this.draw();
+    });
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.recolor());
+    new ResizeObserver(() => this.repaint()).observe(find(".player"));
+    this.recolor();
     const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (query.get("paused") !== "1" && !still && this.views.length) this.play();
   }
@@ -51,8 +55,8 @@ class Player {
     tickAhead: () => this.seek((Math.floor(this.t / this.tick + 1e-6) + 1) * this.tick),
     start: () => this.seek(0),
     end: () => this.seek(this.end),
-    slower: () => this.setSpeed(SPEEDS[Math.max(SPEEDS.indexOf(this.speed) - 1, 0)]),
-    faster: () => this.setSpeed(SPEEDS[Math.min(SPEEDS.indexOf(this.speed) + 1, SPEEDS.length - 1)]),
+    slower: () => (speed.selectedIndex = Math.max(speed.selectedIndex - 1, 0)),
+    faster: () => (speed.selectedIndex = Math.min(speed.selectedIndex + 1, speed.length - 1)),
     contact: () => this.#toNextContact(),
     next: () => this.#open("n", "No failed run comes after this one."),
     previous: () => this.#open("p", "No failed run comes before this one."),
@@ -61,52 +65,36 @@ class Player {
     fit: () => this.views.forEach((view) => view.fit()),
     follow: () => this.#follow(),
     copy: () => this.#copy(),
-    help: () => this.help.showModal(),
+    execute: () => this.load(),
+    help: () => /** @type {HTMLDialogElement} */ (find("dialog")).showModal(),
   };
 
   get views() {
     return this.sides.map(({ view }) => view).filter(Boolean);
   }
 
-  #build(place) {
-    const seek = (t) => this.seek(t);
-    const maps = this.sides.map((side, k) =>
-      this.#map(side, this.sides.length > 1 ? `${"AB"[k]}: ${side.run.name}` : ""),
-    );
-    this.help = helpDialog();
-    this.said = element("p", { role: "status" });
-    this.execute = /** @type {HTMLButtonElement} */ (element("button", { click: () => this.load() }, EXECUTE));
-    this.bar = controls(this.actions, (speed) => this.setSpeed(speed));
-    this.boxes = layerBoxes(this.shown, () => this.draw(), this.execute);
-    const tracks = element("div", { class: "tracks" });
-    const rows = this.views.length ? [this.bar.row, this.boxes.row] : [];
-    const replay = element("div", {}, element("div", { class: "maps" }, ...maps), ...rows, this.said, tracks);
-    const panels = element("div", { class: "panels" }, ...this.sides.map(({ run }) => panel(run, seek)));
-    const kind = this.sides.length > 1 ? "player two" : "player";
-    place.replaceChildren(
-      choices(this.sides[0].run, query),
-      element("div", { class: kind }, replay, panels),
-      this.help,
-    );
-    this.tracks = new Tracks(tracks, this.sides, this.end, seek);
-  }
-
   #map(side, k) {
     const { run } = side;
     const name = element("strong", {}, this.sides.length > 1 ? `${"AB"[k]}: ${run.name} ` : "");
     name.style.color = `var(--${k ? "second" : "accent"})`;
-    if (!run.hasRobot) return element("p", { class: "sentence" }, `${run.name}: ${run.header.sentence}`);
-    const canvas = element("canvas", { class: "map", tabindex: 0, role: "img", "aria-label": `Map of ${run.name}` });
+    if (!run.hasRobot) return element("p", { class: "panel" }, `${run.name}: ${run.header.sentence}`);
+    const canvas = element("canvas", { class: "map", role: "img", "aria-label": `Map of ${run.name}` });
     side.view = new MapView(/** @type {HTMLCanvasElement} */ (canvas), run, () => this.draw());
     side.state = element("span");
     return element("figure", { class: "map" }, canvas, name, side.state);
   }
 
-  /** Draw everything anew, for another size or other colors. */
+  /** Draw everything in the colors of light or dark. */
+  recolor() {
+    this.theme = readTheme();
+    for (const view of this.views) view.paint(this.theme);
+    this.repaint();
+  }
+
+  /** Draw everything in the size of the page. */
   repaint() {
-    const theme = readTheme();
-    for (const view of this.views) view.paint(theme);
-    this.tracks.paint(theme);
+    for (const view of this.views) view.resize();
+    this.tracks.paint(this.theme);
     this.#draw(performance.now());
   }
 
@@ -119,7 +107,7 @@ class Player {
     cancelAnimationFrame(this.frame);
     this.frame = 0;
     if (this.playing) {
-      this.t = Math.min(this.t + Math.min((now - this.before) / 1000, MOST_S) * this.speed, this.end);
+      this.t = Math.min(this.t + Math.min((now - this.before) / 1000, MOST_S) * Number(speed.value), this.end);
       this.before = now;
       if (this.t < this.end) this.draw();
       else this.pause();
@@ -136,20 +124,20 @@ class Player {
       state.textContent = this.t > run.end ? `ended at ${run.end.toFixed(2)} s` : said.filter(Boolean).join(" · ");
     }
     this.tracks.moveTo(this.t);
-    this.bar.time.textContent = `${this.t.toFixed(2)} s of ${this.end.toFixed(2)} s`;
+    time.textContent = `${this.t.toFixed(2)} s of ${this.end.toFixed(2)} s`;
   }
 
   play() {
     if (this.t >= this.end) this.t = 0;
     this.playing = true;
     this.before = performance.now();
-    this.bar.play.textContent = "Pause";
+    play.textContent = "Pause";
     this.draw();
   }
 
   pause() {
     this.playing = false;
-    this.bar.play.textContent = "Play";
+    play.textContent = "Play";
     clearTimeout(this.keeping);
     // Browsers limit how often an address may change. It replaces the last one, so that Back leaves the page.
     this.keeping = setTimeout(() => history.replaceState(null, "", this.address()), 250);
@@ -163,17 +151,12 @@ class Player {
     this.pause();
   }
 
-  setSpeed(speed) {
-    this.speed = speed;
-    this.bar.speed.value = String(speed);
-  }
-
   /** The address of this moment. */
   address() {
     const here = new URL(location.href);
     here.searchParams.set("t", String(+this.t.toFixed(3)));
     here.searchParams.set("paused", "1");
-    if (this.execute.hidden) here.searchParams.set("layers", "1");
+    if (execute.hidden) here.searchParams.set("layers", "1");
     return here.href;
   }
 
@@ -181,7 +164,7 @@ class Player {
     const times = this.sides.flatMap(({ run }) => run.contacts.map((event) => event.t_s)).sort((a, b) => a - b);
     const next = times.find((t) => t > this.t + 1e-3);
     if (next !== undefined) this.seek(next);
-    else this.said.textContent = times.length ? "No contact comes after this moment." : "There is no contact.";
+    else said.textContent = times.length ? "No contact comes after this moment." : "There is no contact.";
   }
 
   #follow() {
@@ -196,53 +179,56 @@ class Player {
   #open(key, otherwise) {
     const link = /** @type {HTMLAnchorElement | null} */ (document.querySelector(`a[data-key="${key}"]`));
     if (link) link.click();
-    else this.said.textContent = otherwise;
+    else said.textContent = otherwise;
   }
 
-  async #copy() {
-    const copied = await navigator.clipboard.writeText(this.address()).then(
-      () => true,
-      () => false,
+  #copy() {
+    const [place, told] = [this.address(), "The address of this moment is copied."];
+    navigator.clipboard.writeText(place).then(
+      () => (said.textContent = told),
+      () => (said.textContent = place),
     );
-    this.said.textContent = copied ? "The address of this moment is copied." : this.address();
   }
 
   /** Ask for the layers that only an execution has. */
   async load() {
-    this.execute.disabled = true;
-    this.execute.textContent = "executing …";
-    const said = [];
+    execute.disabled = true;
+    said.textContent = "Executing …";
+    const told = [];
     for (const side of this.sides.filter(({ view }) => view)) {
       try {
         side.view.layers = new Layers(await fetchPacked(`/api/layers?${side.query}`));
         const { activities, sentence, note } = side.view.layers.header;
         side.activities = activities;
-        said.push(sentence, note);
+        told.push(sentence && `${side.run.name}: ${sentence}`, note);
       } catch (error) {
-        said.push(`${side.run.name}: ${error instanceof Error ? error.message : error}`);
+        told.push(`${side.run.name}: ${error instanceof Error ? error.message : error}`);
       }
     }
-    this.execute.hidden = this.views.some((view) => view.layers);
-    if (this.execute.hidden) this.boxes.enable();
-    this.execute.disabled = false;
-    this.execute.textContent = EXECUTE;
-    this.said.textContent = said.filter(Boolean).join(" ");
+    execute.disabled = false;
+    execute.hidden = this.views.some((view) => view.layers);
+    for (const box of layers.querySelectorAll("input")) box.disabled &&= !execute.hidden;
+    said.textContent = [...new Set(told)].filter(Boolean).join(" ");
     this.repaint();
   }
 }
 
-async function sideOf(configuration, run) {
-  const place = String(new URLSearchParams({ c: query.get("c") || "", configuration, run }));
-  return { run: new Run(await fetchPacked(`/api/frames?${place}`)), query: place };
+async function sideOf(c, configuration, run) {
+  const place = String(new URLSearchParams({ c, configuration, run }));
+  const found = new Run(await fetchPacked(`/api/frames?${place}`));
+  if (query.get("withc")) found.name += ` of ${c}`;
+  return { run: found, query: place };
 }
 
-const place = /** @type {HTMLElement} */ (document.getElementById("player"));
+find("form.bar").addEventListener("change", () => /** @type {HTMLFormElement} */ (find("form.bar")).submit());
 try {
-  const runs = [sideOf(query.get("configuration") || "", query.get("run") || "")];
-  const other = query.get("with");
-  if (other) runs.push(sideOf(other, query.get("withrun") || "0"));
-  const player = new Player(place, await Promise.all(runs));
+  const given = (name) => query.get(name) || "";
+  const runs = [sideOf(given("c"), given("configuration"), given("run"))];
+  if (given("withrun")) runs.push(sideOf(given("withc") || given("c"), given("with"), given("withrun")));
+  const player = new Player(await Promise.all(runs));
+  said.textContent = "";
   if (query.get("layers") === "1") await player.load();
 } catch (error) {
-  showError(place, error);
+  said.className = "sentence";
+  said.textContent = error instanceof Error ? error.message : String(error);
 }

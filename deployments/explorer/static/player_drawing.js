@@ -30,16 +30,6 @@ export function drawMoment(context, view, t, shown, px) {
   stroke(context, points("horizon"), theme.horizon, 2.6 * px);
   drawDots(context, points("particles"), theme.belief, 2 * px);
   drawDots(context, points("scan"), theme.ink, 2.4 * px);
-  const contacts = shown.has("contacts") ? run.contacts.filter(({ t_s }) => t_s <= t + 1e-6) : [];
-  for (const [color, width] of [
-    ["panel", 5],
-    ["fail", 2.5],
-  ]) {
-    for (const { x_m: x, y_m: y } of contacts) {
-      for (const r of [5 * px, -5 * px])
-        stroke(context, [x - r, y - 5 * px, x + r, y + 5 * px], theme[color], width * px);
-    }
-  }
   for (const [x, y] of run.header.goals) {
     placed(context, x, y, Math.PI / 4, () =>
       fill(context, () => context.rect(-4 * px, -4 * px, 8 * px, 8 * px), theme.goal),
@@ -48,6 +38,12 @@ export function drawMoment(context, view, t, shown, px) {
   }
   drawRobot(context, run, run.pose(t), theme.panel, theme.ink, px);
   if (shown.has("belief")) drawRobot(context, run, run.pose(t, true), theme.belief, "", 1.8 * px);
+  for (const { x_m: x, y_m: y, t_s } of shown.has("contacts") ? run.contacts : []) {
+    const [r, there] = [5 * px, t_s <= t + 1e-6];
+    const cross = [x - r, y - r, x + r, y + r, x, y, x - r, y + r, x + r, y - r];
+    if (there) stroke(context, cross, theme.panel, 5 * px);
+    if (there) stroke(context, null, theme.fail, 2.5 * px);
+  }
 }
 
 /** Draw in the frame of a place. */

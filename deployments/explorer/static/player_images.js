@@ -36,6 +36,6 @@ function look(kind, value, theme) {
 
 /** Bytes red, green, blue, alpha, as a number of processors that begin with the lowest byte. */
 function pixel(color, alpha) {
-  const [red, green, blue] = [1, 3, 5].map((at) => Number.parseInt(color.slice(at, at + 2), 16));
+  const [red, green, blue] = color.match(/\d+/g).map(Number);
   return ((alpha << 24) | (blue << 16) | (green << 8) | red) >>> 0;
 }

@@ -14,7 +14,13 @@ export class MapView {
    * @param {() => void} moved Called when the view was moved or zoomed.
    */
   constructor(canvas, run, moved) {
-    Object.assign(this, { canvas, run, moved, layers: null, costs: {}, follow: false, fitted: true });
+    this.canvas = canvas;
+    this.run = run;
+    this.moved = moved;
+    /** @type {import("./player_run.js").Layers | null} */
+    this.layers = null;
+    this.follow = false;
+    this.fitted = true;
     this.center = { x: 0, y: 0 };
     this.scale = 50;
     this.pointers = new Map();
@@ -25,7 +31,7 @@ export class MapView {
     canvas.addEventListener("dblclick", () => this.fit());
   }
 
-  /** Take the colors, and the size of the canvas on the page. */
+  /** Take the colors. */
   paint(theme) {
     this.theme = theme;
     this.costs = {};
@@ -34,6 +40,10 @@ export class MapView {
       const image = gridImage(grid.kind, { cells: this.run.arrays[grid.cells], rows, columns }, theme);
       return { ...grid, rows, columns, image };
     });
+  }
+
+  /** Take the size of the canvas on the page. */
+  resize() {
     const ratio = window.devicePixelRatio || 1;
     this.canvas.width = Math.round(this.canvas.clientWidth * ratio);
     this.canvas.height = Math.round(this.canvas.clientHeight * ratio);
@@ -80,7 +90,7 @@ export class MapView {
   /** One pointer moves the map, two zoom it. */
   #pointer(event) {
     const before = this.pointers.get(event.pointerId);
-    const now = [event.offsetX, event.offsetY];
+    const now = /** @type {[number, number]} */ ([event.offsetX, event.offsetY]);
     if (event.type === "pointerdown") this.canvas.setPointerCapture(event.pointerId);
     else if (event.type !== "pointermove") this.pointers.delete(event.pointerId);
     if (event.type === "pointerdown" || (event.type === "pointermove" && before))
@@ -89,7 +99,7 @@ export class MapView {
     const other = [...this.pointers].find(([id]) => id !== event.pointerId)?.[1];
     if (other) {
       const apart = ([x, y]) => Math.max(Math.hypot(x - other[0], y - other[1]), 1);
-      this.zoom(apart(now) / apart(before), ...other);
+      this.zoom(apart(now) / apart(before), other[0], other[1]);
       return;
     }
     this.center.x -= (now[0] - before[0]) / this.scale;

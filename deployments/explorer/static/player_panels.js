@@ -1,6 +1,6 @@
-/** Beside the map: verdicts with their reasons and metrics, events, and other runs of the configuration. */
+/** Beside the map: verdicts with their reasons and metrics, and events. */
 
-import { address, element } from "./dom.js";
+import { element } from "./dom.js";
 import { MARKS, VERDICTS, reading } from "./player_theme.js";
 
 const ENDS = { SUCCESS: "succeeded", FAILURE: "failed", RUNNING: "still running", INVALID: "given up" };
@@ -30,8 +30,7 @@ export function panel(run, seek) {
   const items = events.map(([letter, color, t_s, text]) => {
     const mark = element("span", {}, letter);
     mark.style.color = `var(--${color})`;
-    const time = element("span", { class: "n" }, t_s.toFixed(2));
-    return element("li", {}, element("button", { class: "event", click: () => seek(t_s) }, mark, time, text));
+    return element("button", { class: "event", click: () => seek(t_s) }, mark, ` ${t_s.toFixed(2)} s  ${text}`);
   });
   return element(
     "section",
@@ -39,14 +38,14 @@ export function panel(run, seek) {
     element("h2", {}, run.name, " ", chip(header.judgement)),
     ...said.map((text) => element("p", {}, text)),
     ...header.verdicts.map(verdict),
-    element("h3", {}, items.length ? `Events: ${items.length}` : "No events"),
-    element("ol", { class: "events" }, ...items),
+    element("h2", {}, items.length ? `Events: ${items.length}` : "No events"),
+    element("div", { class: "events" }, ...items),
   );
 }
 
 function chip(judgement) {
   const [color, word] = VERDICTS[judgement];
-  return element("span", { class: `chip ${color}` }, word);
+  return element("strong", { class: color }, word);
 }
 
 function verdict({ oracle, judgement, reason, metrics }) {
@@ -60,34 +59,6 @@ function verdict({ oracle, judgement, reason, metrics }) {
     { open: judgement !== "pass" },
     element("summary", {}, element("strong", {}, oracle), " ", chip(judgement)),
     ...(reason ? [element("p", {}, reason)] : []),
-    element("table", {}, element("tbody", {}, ...rows)),
-  );
-}
-
-/**
- * Choices of another run of the configuration, and of one beside it.
- * @param {import("./player_run.js").Run} run
- * @param {URLSearchParams} query
- * @returns {HTMLElement}
- */
-export function choices({ header }, query) {
-  const go = (changes) => {
-    const given = { ...Object.fromEntries(query), t: null, paused: null };
-    location.assign(address("/run", { ...given, ...changes }));
-  };
-  const options = (chosen) =>
-    header.runs.map(([index, judgement]) =>
-      element("option", { value: index, selected: index === chosen }, `${index} ${VERDICTS[judgement][1]}`),
-    );
-  const own = element("select", { change: () => go({ run: own.value }) }, ...options(header.run));
-  const same = query.get("with") === header.configuration;
-  const none = element("option", { value: "" }, query.has("with") && !same ? "of another configuration" : "none");
-  const change = () => go({ with: beside.value && header.configuration, withrun: beside.value || null });
-  const beside = element("select", { change }, none, ...options(same ? Number(query.get("withrun")) : -1));
-  return element(
-    "div",
-    { class: "row" },
-    element("label", {}, "run ", own),
-    element("label", {}, "beside run ", beside),
+    element("table", { class: "plain" }, element("tbody", {}, ...rows)),
   );
 }

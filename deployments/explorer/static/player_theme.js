@@ -1,12 +1,16 @@
 /** Colors and words that all parts of the player share. */
 
 /**
- * Colors of the style sheet by name, as they are now: in light or dark.
+ * Colors `rgb(…)` of the style sheet by name, as they are now: in light or dark.
  * @returns {Object<string, string>}
  */
 export function readTheme() {
-  const style = getComputedStyle(document.documentElement);
-  return new Proxy({}, { get: (known, name) => (known[name] ??= style.getPropertyValue(`--${String(name)}`).trim()) });
+  const resolved = (name) => {
+    // A browser resolves light and dark for properties that it knows alone.
+    document.body.style.outlineColor = `var(--${name})`;
+    return getComputedStyle(document.body).outlineColor;
+  };
+  return new Proxy({}, { get: (known, name) => (known[name] ??= resolved(String(name))) });
 }
 
 /** Verdicts to the names of their colors and to words. */

@@ -18,9 +18,10 @@ export class Tracks {
    * @param {(t: number) => void} seek
    */
   constructor(place, sides, end, seek) {
-    Object.assign(this, { sides, seek, end: Math.max(end, 0.1) });
+    this.sides = sides;
+    this.seek = seek;
+    this.end = Math.max(end, 0.1);
     this.cursor = element("div", { class: "cursor" });
-    this.hint = element("div", { class: "hint", hidden: true });
     const limits = { "aria-valuemin": 0, "aria-valuemax": end.toFixed(2) };
     this.line = track({ tabindex: 0, role: "slider", "aria-label": "Time", ...limits });
     // Plots that any of the runs has.
@@ -33,14 +34,13 @@ export class Tracks {
       values: element("span", { class: "muted" }),
       canvas: track({ role: "img", "aria-label": `${plot.title} over time` }),
     }));
-    place.replaceChildren(this.line, this.cursor, this.hint);
+    place.replaceChildren(this.line, this.cursor);
     for (const { title, values, canvas } of this.plots) {
       place.append(element("div", { class: "caption" }, element("span", {}, title), values), canvas);
     }
     for (const canvas of place.querySelectorAll("canvas")) {
       canvas.addEventListener("pointerdown", (event) => this.#point(event, true));
       canvas.addEventListener("pointermove", (event) => this.#point(event, false));
-      canvas.addEventListener("pointerleave", () => (this.hint.hidden = true));
     }
   }
 
@@ -57,11 +57,7 @@ export class Tracks {
     const t = ((event.offsetX - LEFT) / (canvas.clientWidth - LEFT - RIGHT)) * this.end;
     if (pressed) canvas.setPointerCapture(event.pointerId);
     if (pressed || event.buttons & 1) this.seek(pressed && near ? near.t_s : t);
-    this.hint.hidden = !near;
-    if (!near) return;
-    this.hint.textContent = `${near.t_s.toFixed(2)} s: ${near.text}`;
-    const x = Math.max(Math.min(event.offsetX + 8, canvas.clientWidth - this.hint.offsetWidth - 4), 0);
-    this.hint.style.transform = `translate(${x}px, ${canvas.offsetHeight}px)`;
+    canvas.title = near ? `${near.t_s.toFixed(2)} s: ${near.text}` : "";
   }
 
   /** Show a time: the cursor, and the signals' values. */
@@ -118,14 +114,14 @@ export class Tracks {
       if (context.measureText(text).width + 8 < width) context.fillText(text, x + 4, y + BAND / 2 - 1);
     }
     context.fillStyle = theme.muted;
-    context.fillText(`robot${name}`, 2, top + TICKS + BAND / 2 - 1);
+    if (activities.length) context.fillText(`robot${name}`, 2, top + TICKS + BAND / 2 - 1);
     if (lanes.length) context.fillText("scenario", 2, top + TICKS + 1.5 * BAND - 1);
     context.textAlign = "center";
     for (const { mark, t_s } of run.events) {
       const [letter, color] = MARKS[mark];
       context.fillStyle = theme[color];
-      // A recovery follows an error at once.
-      context.fillText(letter, this.#x(t_s), top + (mark === "recovery" ? 17 : 7));
+      // A recovery follows an error at once, and a contact an obstacle that appears.
+      context.fillText(letter, this.#x(t_s), top + (mark === "recovery" || mark === "contact" ? 17 : 7));
     }
     context.textAlign = "left";
   }

@@ -1,19 +1,32 @@
 """Packed replies, and the frames of stored runs against the recordings they are made of."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from synthetic import SyntheticCampaign, a_recording, box_at, walled_room, write_map
+from unpacked import unpacked
 
-from vastflow.deployments.explorer.frames import FREE, UNKNOWN, WALL, StoredRun, frames_of, scenario_spans, stored_run
-from vastflow.deployments.explorer.packed import packed, unpacked
+from vastflow.deployments.explorer.frames import (
+    ERRORS,
+    FREE,
+    UNKNOWN,
+    WALL,
+    StoredRun,
+    frames_of,
+    scenario_spans,
+    stored_run,
+)
+from vastflow.deployments.explorer.packed import packed
 from vastflow.oracles.observation.trace import NOWHERE_MM
 from vastflow.oracles.results.unusable import UnusableDirectory
+from vastflow.sim.loop.simulation import REASONS
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.world.map_file import map_content
 
 WALK = [(1.0 + 0.05 * i, 2.0) for i in range(41)]
 TASK = {"start_pose": {"x": 1.0, "y": 2.0, "yaw": 0.5}, "goal_pose": {"x": 3.8, "y": 2.0}}
@@ -78,7 +91,6 @@ def test_frames_hold_recorded_and_derived_columns(directory: Path):
     assert drawn <= arrays.keys()
     assert (header["judgement"], header["reason"], header["nowhere"]) == ("fail", "stuck <b>", NOWHERE_MM)
     assert header["verdicts"][0]["reason"].endswith("stuck <b>")
-    assert header["runs"] == [[0, "pass"], [1, "fail"]]
 
 
 def test_frames_hold_map_start_goals_and_reference(directory: Path):
@@ -97,7 +109,7 @@ def test_frames_hold_map_start_goals_and_reference(directory: Path):
 def test_frames_hold_events_and_moves_of_obstacles(directory: Path):
     header, _ = unpacked(frames_of(stored_run(directory, "office-1", 0), "office-1"))
     assert [(event["t_s"], event["mark"], event["text"]) for event in header["events"]] == [
-        (0.5, "error", "planner failed, Nav2's error 208"),
+        (0.5, "error", "planner failed: no valid path (208)"),
         (0.5, "recovery", "recovery: spin"),
         (1.25, "contact", "contact with box_3_2.5 at 0.20 m/s"),
         (3.0, "goal", "goal 1 reached"),
@@ -105,6 +117,12 @@ def test_frames_hold_events_and_moves_of_obstacles(directory: Path):
     (box,) = header["obstacles"]
     assert box["places"] == [[-0.001, 3.0, 2.5, 0.0], [1.2, 3.1, 2.5, 0.1]]
     assert header["activities"] == [[0.0, 4.0, "driving"]]
+
+
+def test_error_names_are_those_of_the_simulator():
+    names = {code: re.findall(r"\((\w+)\)", words)[0].replace("_", " ").lower() for code, words in REASONS.items()}
+    assert {code: name for code, name in names.items() if code < 300} == ERRORS
+    assert {code - 100: name for code, name in names.items() if code >= 300}.items() <= ERRORS.items()
 
 
 def test_frames_of_duplicate_are_those_of_its_original(directory: Path):
@@ -116,7 +134,7 @@ def test_frames_of_duplicate_are_those_of_its_original(directory: Path):
 def test_stored_run_names_what_is_not_there(directory: Path):
     with pytest.raises(UnusableDirectory, match=r"no configuration 'office-3'; did you mean 'office-[12]'"):
         stored_run(directory, "office-3", 0)
-    with pytest.raises(UnusableDirectory, match="office-1: expected the number of a run, 0 to 1, got 2"):
+    with pytest.raises(UnusableDirectory, match="office-1 has no run 2"):
         stored_run(directory, "office-1", 2)
     (directory / "recordings" / "office-1.parquet").write_bytes(b"PAR1")
     with pytest.raises(UnusableDirectory, match="damaged campaign directory"):
@@ -141,7 +159,7 @@ def test_frames_without_robot_have_events_and_actions():
     }
     told = Run(0, "1:2:0", "failed", 0, "exit code 3", 2.6, 0.0, 0, 0)
     scenario = Scenario("builtin:navigate_to_pose", 60.0, {}, {}, {})
-    run = StoredRun("growth-1", 0, scenario, Recording(told, {}, behaviors), None, {}, [], {0: "fail"})
+    run = StoredRun("growth-1", 0, scenario, Recording(told, {}, behaviors), None, {}, [])
     header, arrays = unpacked(frames_of(run, "growth-1"))
     assert header["sentence"].startswith("This scenario has no robot")
     assert "outputs/growth-1.zip" in header["sentence"]
@@ -168,3 +186,20 @@ def test_frames_leave_deviation_out_without_reference(directory: Path):
     header, arrays = unpacked(frames_of(replace(run, trace=None), "office-1"))
     assert "deviation_mm" not in arrays
     assert "Off the reference path" not in [plot["title"] for plot in header["signals"]]
+
+
+def test_frames_hold_world_and_masks_beside_the_map(directory: Path, tmp_path: Path):
+    run = stored_run(directory, "office-1", 0)
+    zone = np.zeros((20, 40), dtype=np.int8)
+    zone[5:9, 10:30] = 100
+    costmap = "global_costmap.global_costmap.ros__parameters"
+    system = {f"{costmap}.filters": ["k"], f"{costmap}.k.plugin": "nav2_costmap_2d::KeepoutFilter"}
+    system |= {"keepout_mask": map_content(write_map(tmp_path / "zone", zone, (1.0, 0.5)))}
+    environment = {**run.scenario.environment, "world": {"seed": 1, "wall_offset": 0.05}}
+    scenario = replace(run.scenario, environment=environment, system=system)
+    header, arrays = unpacked(frames_of(replace(run, scenario=scenario), "office-1"))
+    _, world, keepout = header["grids"]
+    assert [grid["kind"] for grid in header["grids"]] == ["map", "world", "keepout"]
+    assert np.count_nonzero(arrays[world["cells"]] == WALL) > 100
+    assert (keepout["x_m"], keepout["y_m"]) == (1.0, 0.5)
+    np.testing.assert_array_equal(arrays[keepout["cells"]], zone)

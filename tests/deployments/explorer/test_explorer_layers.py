@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from synthetic import walled_room, write_map
+from unpacked import unpacked
 
 from vastflow.deployments.explorer import kept_layers
 from vastflow.deployments.explorer.kept_layers import KeptLayers
-from vastflow.deployments.explorer.layers import Points, layers_of
-from vastflow.deployments.explorer.packed import unpacked
+from vastflow.deployments.explorer.layers import Points, Watched, layers_of
 from vastflow.oracles.replay.recorded import RecordedRun
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
@@ -48,9 +48,10 @@ def layers(recorded: RecordedRun):
     return unpacked(layers_of(recorded))
 
 
-def test_layers_of_equal_run_say_nothing_and_have_all_moments(layers):
+def test_layers_of_equal_run_name_no_difference_and_have_all_moments(layers):
     header, arrays = layers
-    assert (header["sentence"], header["note"], header["every_s"]) == ("", "", 0.1)
+    assert (header["sentence"], header["every_s"]) == ("", 0.1)
+    assert header["note"] == "The layers have a moment every 0.1 s, and the global costmap 10 m round the robot."
     assert len(arrays["scan spans"]) == len(arrays["global places"]) == 30
     assert [kind for _, _, kind in header["activities"]][:2] == ["resting", "following"]
     assert header["activities"][-1][1] == pytest.approx(3.0)
@@ -86,6 +87,10 @@ def test_layers_hold_costs_of_snapshots(recorded: RecordedRun, layers):
         corner = patch.corner
         expected = (corner.x_m, corner.y_m, corner.yaw_rad, patch.resolution_m)
         np.testing.assert_allclose(arrays[f"{name} places"][moment], expected, atol=1e-6)
+
+
+def test_layers_of_long_runs_have_fewer_moments():
+    assert [Watched(100_000, t_s).every for t_s in (0.0, 120.0, 300.0, 301.0, 3000.0)] == [2, 2, 2, 3, 20]
 
 
 def test_layers_of_another_run_say_how_it_differs(recorded: RecordedRun):
@@ -175,6 +180,6 @@ def test_kept_layers_forget_many_bytes(kept, tmp_path: Path):
 def test_kept_layers_ask_again_after_an_error(kept, tmp_path: Path):
     layers, executed = kept
     for _ in range(2):
-        with pytest.raises(UnusableDirectory, match="can't be executed again: the worker process died 3 times"):
+        with pytest.raises(WorkerDied, match="the worker process died 3 times"):
             layers.layers(tmp_path, "broken", 0).result()
     assert len(executed) == 2

@@ -59,6 +59,10 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     campaign.configurations[-1] |= {"timeout_s": EXECUTED_S, "scenario_digest": executed.digest}
     campaign.metadata |= {"name": "office", "created": "2026-11-03T06:00:00"}
     directory = campaign.write()
+    earlier = SyntheticCampaign(folder / "office-2026-11-02-060000")
+    earlier.add("desk-1", "desk", room, TASK, recordings=[a_recording(WALK[:31])])
+    earlier.metadata |= {"name": "office", "created": "2026-11-02T06:00:00"}
+    earlier.write()
     names = {"configuration": ["executed-1"] * len(recording.behaviors["t_s"])}
     behaviors = {**names, "run_index": np.zeros(len(names["configuration"]), dtype=np.int64), **recording.behaviors}
     pq.write_table(pa.table(behaviors), directory / "behaviors.parquet")
@@ -90,14 +94,16 @@ def debugged(tmp_path_factory: pytest.TempPathFactory, place: str) -> Iterator[s
 class Page:
     """The page of a run in a browser."""
 
-    def __init__(self, browser: Browser, place: str, campaign: str) -> None:
-        self.browser, self._place, self._campaign = browser, place, campaign
+    def __init__(self, browser: Browser, place: str, campaign: str, earlier: str) -> None:
+        self.browser, self._place, self._campaign, self.earlier = browser, place, campaign, earlier
 
     def open(self, configuration: str = NAME, run_index: int = 0, **others: object) -> None:
         query = {"c": self._campaign, "configuration": configuration, "run": run_index, "paused": 1, **others}
         self.browser.ask("Page.navigate", url="about:blank")
         self.browser.ask("Page.navigate", url=f"{self._place}/run?{urlencode(query)}")
-        wait(self.browser, "document.querySelector('.time')?.textContent")
+        wait(
+            self.browser, "document.querySelector('.time')?.textContent"
+        )  # which is empty until the recording is there
 
     def press(self, key: str, shift: bool = False) -> None:
         for kind in ("rawKeyDown", "keyUp"):
@@ -141,8 +147,8 @@ def page(debugged: str, place: str, results: Path) -> Iterator[Page]:
     browser = opened(debugged)
     browser.ask("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
     browser.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "light"}])
-    (campaign,) = Directories([results]).all()
-    yield Page(browser, place, campaign.id)
+    campaign, earlier = Directories([results]).all()
+    yield Page(browser, place, campaign.id, earlier.id)
     assert browser.complaints == []
 
 
@@ -177,24 +183,26 @@ def test_keys_move_the_clock(page: Page):
     page.press("c")
     assert page.text("[role=status]") == "No contact comes after this moment."
     page.press("]")
-    assert page.browser.value("document.querySelector('select[aria-label=speed]').value") == "2"
+    assert page.browser.value("document.querySelector('#speed').value") == "2"
     page.press("[")
     page.press("[")
-    assert page.browser.value("document.querySelector('select[aria-label=speed]').value") == "0.5"
+    assert page.browser.value("document.querySelector('#speed').value") == "0.5"
     page.press("?")
+    assert page.browser.value("document.querySelector('dialog').open") is True
+    page.press("End")  # of the dialog's, not of the run's
     assert page.browser.value("document.querySelector('dialog').open") is True
 
 
 def test_space_plays_to_the_end_and_pauses(page: Page):
     page.open(t=2.2)
     page.press(" ")
-    assert page.text(".main[title=space]") == "Pause"
+    assert page.text("[data-action=toggle]") == "Pause"
     assert page.shows("2.50 s")
-    wait(page.browser, "document.querySelector('.main[title=space]').textContent === 'Play'")
+    wait(page.browser, "document.querySelector('[data-action=toggle]').textContent === 'Play'")
     page.press(" ")  # from the start again
     wait(page.browser, "Number.parseFloat(document.querySelector('.time').textContent) > 0.2")
     page.press(" ")
-    assert page.text(".main[title=space]") == "Play"
+    assert page.text("[data-action=toggle]") == "Play"
 
 
 def test_time_line_and_event_list_go_to_a_moment(page: Page):
@@ -238,24 +246,29 @@ def test_lock_step_has_one_clock_and_the_longer_end(page: Page):
         assert page.color_at(1.55, 2.1, map_index) == [28, 33, 38]
     page.press("End")
     assert page.shows("4.10 s")
-    assert "ended at 2.50 s" in page.text("figure.map")
+    assert "ended at 2.50 s" in page.text(".maps figure")
     assert page.color_at(3.35, 2.1, 0) == [28, 33, 38]  # where it ended
     assert page.color_at(4.95, 2.1, 1) == [28, 33, 38]
     assert "robot 1" not in page.text(".tracks .muted")
     assert " | " in page.text(".tracks .muted")
 
 
+def test_lock_step_takes_a_run_of_another_campaign(page: Page):
+    page.open(**{"with": "desk-1", "withrun": 0, "withc": page.earlier, "t": 2})
+    assert page.shows("2.00 s of 3.10 s")
+    assert f"desk-1, run 0 of {page.earlier}" in page.text(".maps")
+    assert page.color_at(2.95, 2.1, 1) == [28, 33, 38]
+
+
 def test_layers_come_on_request_and_are_said_to_be_equal(page: Page):
     page.open("executed-1", 0, t=2)
-    assert page.browser.value("document.querySelectorAll('.row input:disabled').length") == 6
+    assert page.browser.value("document.querySelectorAll('#layers input:disabled').length") == 6
     wall = page.color_at(0.5, 2.0)
-    page.browser.value(
-        "[...document.querySelectorAll('button')].find(b => b.textContent.startsWith('execute')).click()"
-    )
-    wait(page.browser, "document.querySelectorAll('.row input:disabled').length === 0")
-    assert page.text("[role=status]") == ""
+    page.browser.value("document.querySelector('[data-action=execute]').click()")
+    wait(page.browser, "document.querySelectorAll('#layers input:disabled').length === 0")
+    assert page.text("[role=status]").startswith("The layers have a moment every 0.1 s")
     assert page.color_at(0.3, 2.0) != wall  # the global costmap
-    assert page.text("figure.map").startswith("following")
+    assert page.text(".maps figure").startswith("following")
 
 
 def test_narrow_page_does_not_scroll_sideways(page: Page):
