@@ -74,16 +74,18 @@ async function refresh() {
   waiting = new AbortController();
   remember();
   try {
-    const facets = ask("facets").then((reply) => reply.json());
     const rows = showRows();
-    told = await (await ask("summary")).json();
+    const [facets, summary] = await Promise.all(
+      ["facets", "summary"].map((view) => ask(view).then((reply) => reply.json())),
+    );
+    told = summary;
     $("error").replaceChildren();
     state.f = told.filter;
     remember();
     showSummary();
     showReasons();
     const drawnMap = showMap();
-    showFacets($("facets"), await facets, told.conditions, choose);
+    showFacets($("facets"), facets, told.conditions, choose);
     await Promise.all([rows, drawnMap, ...["scatter", "parallel", "python"].map(showDetails)]);
   } catch (error) {
     showError($("error"), error);

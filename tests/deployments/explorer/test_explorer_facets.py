@@ -51,7 +51,8 @@ def runs_of():
 
 @pytest.fixture(scope="module")
 def table():
-    return run_table_of(pa.Table.from_pandas(runs_of(), preserve_index=False))
+    found = pa.Table.from_pandas(runs_of(), preserve_index=False)
+    return run_table_of(found.column_names, found.column)
 
 
 @pytest.fixture(scope="module")
