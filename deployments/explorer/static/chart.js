@@ -201,8 +201,8 @@ export function lineChart(width, xName, yName, x, y, starts, verdicts, tell) {
  * @returns {SVGElement}
  */
 export function parallelChart(width, columns, verdicts, choose) {
-  const [top, bottom] = [84, HEIGHT - 26];
-  const x = (k) => 40 + (k * (width - 80)) / Math.max(columns.length - 1, 1);
+  const [top, bottom] = [72, HEIGHT - 26];
+  const x = (k) => 30 + (k * (width - 130)) / Math.max(columns.length - 1, 1);
   const ranges = columns.map(({ values }) => rangeOf(values));
   const y = (k, value) => bottom - ((value - ranges[k][0]) / (ranges[k][1] - ranges[k][0])) * (bottom - top);
   const parts = [[], [], []];

@@ -1,6 +1,6 @@
 /** The side bar: values with rates, histograms with a brush, and a search of names. */
 import { drawn, element } from "./dom.js";
-import { count, interval, number, percent, VERDICTS } from "./selection.js";
+import { breakable, count, interval, number, percent, VERDICTS } from "./selection.js";
 
 /** What a run without a value is called. */
 const MISSING = { verdict: "not judged", run: "none", metric: "not measured", factor: "not given", path: "not known" };
@@ -74,7 +74,12 @@ function heading(facet, condition, choose) {
     { "data-key": `clear ${facet.name}`, click: () => choose(facet.name, null) },
     "clear",
   );
-  return element("div", { class: "heading" }, element("h3", {}, facet.name), ...(condition ? [clear] : []));
+  return element(
+    "div",
+    { class: "heading" },
+    element("h3", {}, ...breakable(facet.name)),
+    ...(condition ? [clear] : []),
+  );
 }
 
 function values(facet, condition, choose) {

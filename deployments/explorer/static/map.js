@@ -4,6 +4,12 @@ import { drawn, element } from "./dom.js";
 import { saveButtons } from "./save.js";
 import { count, percent, VERDICTS } from "./selection.js";
 
+/** Signs of places, as paths from their middle. */
+const MARKS = {
+  cross: "m-5 -5l10 10m0 -10l-10 10",
+  ring: "m-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0",
+  diamond: "m0 -6l6 6l-6 6l-6 -6z",
+};
 const NEAR_PX = 8;
 const STEP_PX = 40;
 
@@ -27,7 +33,8 @@ export class MapView {
     place.append(this.canvas, element("div", { class: "tools" }, ...zoom, ...saved), this.legend, this.told);
     this.content = null;
     this.view = null;
-    this.marks = [];
+    /** Places with signs of `MARKS`, and corners of obstacles, in meters. */
+    [this.marks, this.outlines] = [[], []];
     /** Least and greatest x and y that are shown at first; null for the whole map. */
     this.extent = null;
     this.listen();
@@ -172,11 +179,19 @@ export class MapView {
       }
       context.globalAlpha = 1;
     }
+    for (const points of this.outlines) {
+      const corners = points.map(([px, py]) => `${x + scale * px} ${y - scale * py}`);
+      const shape = new Path2D(`M${corners.join("L")}Z`);
+      context.fillStyle = context.strokeStyle = colors.getPropertyValue("--obstacle");
+      context.globalAlpha = 0.35;
+      context.fill(shape);
+      context.globalAlpha = 1;
+      context.stroke(shape);
+    }
     for (const mark of this.marks) {
-      context.strokeStyle = colors.getPropertyValue(mark.color);
+      context.strokeStyle = colors.getPropertyValue("--ink");
       context.lineWidth = 2;
-      const [px, py] = [x + scale * mark.x, y - scale * mark.y];
-      context.stroke(new Path2D(`M${px - 5} ${py - 5}l10 10m0 -10l-10 10`));
+      context.stroke(new Path2D(`M${x + scale * mark.x} ${y - scale * mark.y}${MARKS[mark.shape]}`));
     }
   }
 
@@ -238,10 +253,10 @@ export class MapView {
     const context = back.getContext("2d");
     context.scale(2, 2);
     const { header } = this.content;
-    const [form, marks] = [header.form, this.marks];
-    if (form === "runs") [header.form, this.marks] = ["", []]; // lines stay lines
+    const { form } = header;
+    if (form === "runs") header.form = ""; // lines stay lines
     this.paint(context);
-    [header.form, this.marks] = [form, marks];
+    header.form = form;
     const picture = drawn("image", { href: back.toDataURL(), width, height });
     const lines = form === "runs" ? this.lines() : [];
     const colors = getComputedStyle(this.canvas);
