@@ -1,6 +1,5 @@
 """Selections of a campaign's runs: filters as canonical text, and masks of the runs that pass them."""
 
-import json
 import math
 import threading
 from collections import OrderedDict
@@ -384,21 +383,6 @@ def _expression(column: Column, condition: Condition) -> str:
     return " | ".join(parts + ([f"{name}.isna()"] if None in condition.values else []))
 
 
-def condition_json(condition: Condition) -> dict[str, Any]:
-    """Return a condition as the page reads it."""
-    if isinstance(condition, ValuesOf):
-        return {"column": condition.column, "values": list(condition.values)}
-    if isinstance(condition, Containing):
-        return {"column": condition.column, "part": condition.part}
-    return {"column": condition.column, "low": condition.low, "high": condition.high}
-
-
 def is_place(level: str) -> bool:
     """True if a text is a JSON object or list, such as a pose, which no one filters by."""
-    if not level.startswith(("{", "[")):
-        return False
-    try:
-        json.loads(level)
-    except ValueError:
-        return False
-    return True
+    return level.startswith(('{"', "[")) and level.endswith(("}", "]"))

@@ -187,7 +187,7 @@ def wide(names: Sequence[str], runs: int, rng: np.random.Generator) -> pd.DataFr
 
 @contextmanager
 def served(folder: Path) -> Iterator[tuple[httpx.Client, psutil.Process, float]]:
-    """Serve a folder by `vastflow ui`, and yield a client that is let in, the server, and the time of its start (s)."""
+    """Serve a folder by `vastflow ui`, and yield a client, the server, and the time of its start (s)."""
     began_s = time.perf_counter()
     command = [sys.executable, "-m", "vastflow.flows.cli", "ui", str(folder), "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:

@@ -1,6 +1,8 @@
 /** The map: trajectories, final poses, or rates of cells on a floor that is moved by pointer or keys. */
 import { coloredCells } from "./cells.js";
+import { nearestTo } from "./chart.js";
 import { drawn, element } from "./dom.js";
+import { onDrag } from "./drag.js";
 import { saveButtons } from "./save.js";
 import { count, percent, VERDICTS } from "./selection.js";
 
@@ -44,16 +46,19 @@ export class MapView {
 
   listen() {
     let last = null;
-    this.canvas.addEventListener("pointerdown", (event) => {
-      last = [event.clientX, event.clientY];
-      this.canvas.setPointerCapture(event.pointerId);
-    });
-    this.canvas.addEventListener("pointermove", (event) => {
-      if (!last) return this.tell(event);
-      this.pan(event.clientX - last[0], event.clientY - last[1]);
-      last = [event.clientX, event.clientY];
-    });
-    for (const end of ["pointerup", "pointercancel"]) this.canvas.addEventListener(end, () => (last = null));
+    const pan = (from, to) => {
+      const before = last ?? from;
+      this.pan(to[0] - before[0], to[1] - before[1]);
+      last = to;
+    };
+    const placeOf = (event) => [event.clientX, event.clientY];
+    onDrag(
+      this.canvas,
+      placeOf,
+      pan,
+      () => (last = null),
+      (event) => this.tell(event),
+    );
     this.canvas.addEventListener("click", (event) => this.tell(event));
     this.canvas.addEventListener(
       "wheel",
@@ -231,11 +236,13 @@ export class MapView {
       return;
     }
     if (header.form !== "runs") return;
-    let [best, at] = [(NEAR_PX / this.view.scale) ** 2, -1];
-    for (let k = 0; k < arrays[0].length / 2; k++) {
-      const distance = (arrays[0][2 * k] - world[0]) ** 2 + (arrays[0][2 * k + 1] - world[1]) ** 2;
-      if (distance < best) [best, at] = [distance, k];
-    }
+    const points = arrays[0];
+    const at = nearestTo(
+      world,
+      points.length / 2,
+      (k) => [points[2 * k], points[2 * k + 1]],
+      NEAR_PX / this.view.scale,
+    );
     if (at < 0) return;
     const run = header.layer === "ends" ? at : arrays[1].findLastIndex((start) => start <= at);
     const [names, indices, verdicts] = arrays.slice(-3);

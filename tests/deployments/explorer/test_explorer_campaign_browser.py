@@ -170,6 +170,7 @@ def test_table_and_map_are_used_by_keyboard(page):
 
 
 def test_charts_select_runs_and_are_saved(page):
+    until_painted(page)
     page.value("window.saved = []; const make = URL.createObjectURL;"
                "URL.createObjectURL = (blob) => { window.saved.push(blob.type); return make(blob); };")  # fmt: skip
     for name in ("scatter", "parallel", "python"):

@@ -222,7 +222,7 @@ def test_lines_are_those_of_selected_runs(table, walked):
         assert indices[k] == table.run_index[row]
 
 
-def test_many_lines_become_a_density(table, walked, monkeypatch):
+def test_paths_become_a_density_when_there_are_many(table, walked, monkeypatch):
     monkeypatch.setattr("vastflow.deployments.explorer.trajectories.MOST_PATHS", 10)
     paths, grid, _ = walked
     header, (visits, failed) = layer(paths, table, np.ones(len(table), dtype=bool), grid, "paths")
