@@ -99,11 +99,11 @@ def write_campaign(directory: Path, configurations: int, runs: int) -> Path:
     task = {"start_pose": {"x": 1.5, "y": 6.0}, "goal_pose": {"x": 18.0, "y": 6.0}}
     blocks, digests, scenarios = [], [], []
     for number in range(MAPS):
-        file = map_content(write_map(directory / "inputs" / f"hall{number}", number))
-        write_map(directory / "environments" / file.digest, number)
-        environment = {"map_file": file, "static_objects": []}
+        content = map_content(write_map(directory / "inputs" / f"hall{number}", number))
+        write_map(directory / "environments" / content.digest, number)
+        environment: dict[str, Any] = {"map_file": content, "static_objects": []}
         scenario = Scenario("builtin:navigate_to_pose", 60.0, environment, task, {})
-        digests.append(file.digest)
+        digests.append(content.digest)
         scenarios.append(json_text({"environment": environment, "task": task, "system": {}}))
         block = [write_recordings([recording(rng, k) for k in range(runs)]) for _ in range(BLOCKS)]
         blocks.append([(each, observe_block(scenario, each)) for each in block])
