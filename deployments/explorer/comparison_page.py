@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final, get_args
+from typing import TYPE_CHECKING, Final, get_args
 
 import numpy as np
 from starlette.exceptions import HTTPException
@@ -18,19 +18,20 @@ from starlette.routing import BaseRoute, Route
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.file_change import FileChanges
 from vastflow.deployments.explorer.pages import Pages, address
-from vastflow.flows.comparison.campaigns import Compared, compared
-from vastflow.flows.comparison.pictures import draw
 from vastflow.oracles.judgement.verdict import Judgement
-from vastflow.oracles.results.tables import CODES, read_tables
+from vastflow.oracles.results.tables import CODES, Tables, read_tables
 from vastflow.oracles.results.unusable import reading
 from vastflow.oracles.statistics.comparison import Change, RateDifference, Target
 from vastflow.sim.model.faults import UserError
+
+if TYPE_CHECKING:
+    from vastflow.flows.comparison.campaigns import Compared
 
 MOST_CHANGES: Final = 20
 """Configurations of a kind that are listed before all are asked for."""
 MOST_LEVELS: Final = 24
 TARGETS: Final[dict[str, Target]] = {name: name for name in get_args(Target)}
-_KEPT: Final = 4
+_KEPT: Final = 3
 _WORDS: Final[dict[int, Judgement]] = {code: word for word, code in CODES.items()}
 
 
@@ -82,7 +83,7 @@ class Comparisons:
         self._known: OrderedDict[Question, Compared] = OrderedDict()
         self._lock = threading.Lock()
 
-    def of(self, question: Question) -> Compared:
+    def of(self, question: Question) -> "Compared":
         """Return the comparison.
 
         Raises:
@@ -92,15 +93,25 @@ class Comparisons:
             if question in self._known:
                 self._known.move_to_end(question)
                 return self._known[question]
-            with reading(question.before.path):
-                before = read_tables(question.before.path)
+            from vastflow.flows.comparison.campaigns import compared  # two seconds of imports
+
+            before, after = self._tables(question.before), self._tables(question.after)
             with reading(question.after.path):
-                after = read_tables(question.after.path)
                 found = compared(before, after, question.oracle, question.margin, question.target)
             self._known[question] = found
             if len(self._known) > _KEPT:
                 self._known.popitem(last=False)
             return found
+
+    def _tables(self, campaign: CampaignDirectory) -> Tables:
+        """Return the tables of a campaign, if possible those of a kept comparison."""
+        # They take 100 MB each.
+        for question, found in self._known.items():
+            for side, tables in ((question.before, found.before), (question.after, found.after)):
+                if side == campaign:
+                    return tables
+        with reading(campaign.path):
+            return read_tables(campaign.path)
 
     def picture(self, question: Question, configuration: str) -> bytes:
         """Return a PNG of a changed configuration's runs in both campaigns.
@@ -108,6 +119,8 @@ class Comparisons:
         Raises:
             UserError: there is none, with the reason.
         """
+        from vastflow.flows.comparison.pictures import draw  # with matplotlib
+
         found = self.of(question)
         named = (each for each in found.changes if found.pairing.matches[each.configuration].after == configuration)
         if (change := next(named, None)) is None:
@@ -119,7 +132,7 @@ class Comparisons:
             return drawn[configuration].read_bytes()
 
 
-def changed(found: Compared, question: Question, changes: list[Change]) -> Iterator[ChangedConfiguration]:
+def changed(found: "Compared", question: Question, changes: list[Change]) -> Iterator[ChangedConfiguration]:
     """Yield configurations with the runs whose verdicts differ."""
     pairing = found.pairing
     before, after = pairing.judged(found.oracle)
@@ -129,8 +142,9 @@ def changed(found: Compared, question: Question, changes: list[Change]) -> Itera
         runs = []
         for k in differ.tolist():
             then, now = int(pairing.run_before[k]), int(pairing.run_after[k])
-            other = {"with": match.before, "withrun": then, "withc": question.before.id}
-            place = address("/run", c=question.after.id, configuration=match.after, run=now, **other)
+            # The baseline is A there, as it is here.
+            candidate = {"with": match.after, "withrun": now, "withc": question.after.id}
+            place = address("/run", c=question.before.id, configuration=match.before, run=then, **candidate)
             words = [_WORDS.get(int(side[k]), "not judged") for side in (before, after)]
             runs.append(PairedRun(now, words[0], words[1], place))
         yield ChangedConfiguration(match.after, match.before, change, tuple(runs))
@@ -194,13 +208,13 @@ def _margin(percent: str) -> float:
     return margin
 
 
-def _judged(found: Compared) -> dict[str, RateDifference]:
+def _judged(found: "Compared") -> dict[str, RateDifference]:
     """Return differences by what judged, the asked one first."""
     whole = {} if len(found.oracles) == 1 and found.oracle is None else {found.oracle or "all oracles": found.whole}
     return whole | {name: each for name, each in found.oracles.items() if name != found.oracle}
 
 
-def _scale(found: Compared) -> float:
+def _scale(found: "Compared") -> float:
     """Return the largest difference that drawings have room for, at both sides of zero."""
     every = [*found.oracles.values(), found.whole, *(level.difference for level in found.levels)]
     ends = [abs(end) for each in every for end in each.interval if math.isfinite(end)]

@@ -3,7 +3,7 @@
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
@@ -65,13 +65,20 @@ class Directories:
 
     def __init__(self, roots: Sequence[Path]) -> None:
         self.roots = tuple(root.resolve() for root in roots)
+        self._hidden: tuple[Path, ...] = ()
         self._known: dict[Path, tuple[tuple[int, int, int], CampaignDirectory]] = {}
+
+    def hide(self, root: Path) -> None:
+        """Find, but don't list, campaign directories below a folder from now on."""
+        self._hidden = (*self._hidden, root.resolve())
 
     def all(self) -> list[CampaignDirectory]:
         """Return every campaign directory, newest first."""
-        found = {path: self._read(path) for root in self.roots for path in _below(root, DEEPEST)}
-        self._known = {path: known for path, known in self._known.items() if path in found}
-        return sorted(found.values(), key=lambda each: (each.created, each.path.name), reverse=True)
+        return self._in(self.roots)
+
+    def hidden(self) -> list[CampaignDirectory]:
+        """Return the campaign directories that are not listed, newest first."""
+        return self._in(self._hidden)
 
     def find(self, id: str) -> CampaignDirectory:
         """Return the campaign directory with an id.
@@ -82,10 +89,14 @@ class Directories:
         for path, (_, known) in list(self._known.items()):
             if known.id == id and path.is_dir():
                 return self._read(path)
-        for each in self.all():
+        for each in (*self.all(), *self.hidden()):
             if each.id == id:
                 return each
         raise NoSuchCampaign("No campaign directory has this id; it may have been moved or removed.")
+
+    def _in(self, roots: Iterable[Path]) -> list[CampaignDirectory]:
+        found = {path: self._read(path) for root in roots for path in _below(root, DEEPEST)}
+        return sorted(found.values(), key=lambda each: (each.created, each.path.name), reverse=True)
 
     def _read(self, path: Path) -> CampaignDirectory:
         """Return a directory, from memory while its `metadata.json` is unchanged."""

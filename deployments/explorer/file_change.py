@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
 from vastflow.deployments.explorer.directories import CampaignDirectory
-from vastflow.flows.results.provenance import campaign_changes
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.files import read_text
 
@@ -92,13 +91,15 @@ def _changed(previous: CampaignDirectory, texts: Sequence[list[str]], others: tu
 
 
 def _line_text(line: str) -> str:
-    """Return the text of a line of a unified difference; a gap says where it goes on in the later file."""
+    """Return the text of a line of a unified difference, or the number of the line after a gap."""
     if not line.startswith("@@"):
         return line[1:]
     return f"line {line.split('+')[1].split(' ')[0].split(',')[0]}"
 
 
 def _others(previous: CampaignDirectory, campaign: CampaignDirectory) -> tuple[str, ...]:
+    from vastflow.flows.results.provenance import campaign_changes  # half a second of imports
+
     try:
         with reading(campaign.path):
             return tuple(campaign_changes(previous.metadata, campaign.metadata))

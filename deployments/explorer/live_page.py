@@ -1,21 +1,21 @@
-"""The live page: a campaign while it runs, and the request to stop it."""
+"""The live page: a campaign while it runs, its runs so far, and the request to stop it."""
 
+import asyncio
 import json
 import time
 from collections.abc import AsyncIterator
 from datetime import datetime
 from typing import Any, Final
 
-import anyio
-from anyio.to_thread import run_sync
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.live import LiveCampaign
-from vastflow.deployments.explorer.pages import Pages
+from vastflow.deployments.explorer.pages import Pages, address
+from vastflow.deployments.explorer.preview import Previews
 from vastflow.oracles.results.events import Event, EventReader
 from vastflow.oracles.results.unfinished import ask_to_stop, is_running, place_of
 
@@ -58,27 +58,43 @@ class Follower:
 
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
-    """Return the routes of the page, its events, and the request to stop."""
+    """Return the routes of the page, of a run, of the events, and of the request to stop."""
+
+    previews = Previews(directories)
 
     def page(request: Request) -> Response:
         return pages.page(request, "live.html.j2", campaign=directories.find(request.query_params.get("c", "")))
 
+    def run(request: Request) -> Response:
+        given = request.query_params
+        campaign, run_index = directories.find(given.get("c", "")), given.get("run", "")
+        if not run_index.isdecimal() or len(run_index) > 9:
+            raise HTTPException(400, f"Expected the index of a run, got {run_index!r}.")
+        name = given.get("configuration", "")
+        shown = campaign if campaign.state == "finished" else previews.of(campaign, name, int(run_index))
+        return RedirectResponse(address("/run", c=shown.id, configuration=name, run=run_index), 303)
+
     async def events(request: Request) -> Response:
-        follower = Follower(await run_sync(directories.find, request.query_params.get("c", "")))
+        follower = Follower(await asyncio.to_thread(directories.find, request.query_params.get("c", "")))
         return StreamingResponse(_stream(follower), media_type="text/event-stream")
 
     async def stop(request: Request) -> Response:
-        campaign = await run_sync(directories.find, request.query_params.get("c", ""))
+        campaign = await asyncio.to_thread(directories.find, request.query_params.get("c", ""))
         try:
             reason = json.loads(await _body(request))["reason"].strip()
         except (ValueError, LookupError, TypeError, AttributeError):
             reason = ""
         if not reason:
             raise HTTPException(400, "Expected a reason why the campaign shall stop.")
-        await run_sync(ask_to_stop, campaign.path, reason)
+        await asyncio.to_thread(ask_to_stop, campaign.path, reason)
         return JSONResponse({"asked": reason})
 
-    return [Route("/live", page), Route("/api/events", events), Route("/api/stop", stop, methods=["POST"])]
+    return [
+        Route("/live", page),
+        Route("/live-run", run),
+        Route("/api/events", events),
+        Route("/api/stop", stop, methods=["POST"]),
+    ]
 
 
 async def _body(request: Request) -> bytes:
@@ -91,10 +107,10 @@ async def _body(request: Request) -> bytes:
 
 
 async def _stream(follower: Follower) -> AsyncIterator[str]:
-    """Yield states as they change, the last one that of the end; a comment now and then shows that somebody is there."""
+    """Yield states as they change, to that of the end, and comments as signs of life."""
     shown, said_s = "", time.monotonic()
     while True:
-        text = json.dumps(await run_sync(follower.look))
+        text = json.dumps(await asyncio.to_thread(follower.look))
         if text != shown:
             shown, said_s = text, time.monotonic()
             yield f"data: {text}\n\n"
@@ -103,4 +119,4 @@ async def _stream(follower: Follower) -> AsyncIterator[str]:
             yield ": still here\n\n"
         if follower.live.over:
             return
-        await anyio.sleep(EVERY_S)
+        await asyncio.sleep(EVERY_S)

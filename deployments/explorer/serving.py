@@ -6,6 +6,8 @@ import sys
 import threading
 import webbrowser
 from collections.abc import Sequence
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +19,9 @@ from vastflow.sim.model.faults import UserError
 
 LOOPBACK: Final = "127.0.0.1"
 _TOKEN_BYTES: Final = 24
+_WARM_AFTER_S: Final = 3.0
+_WARM: Final = ("vastflow.flows.results.provenance", "vastflow.flows.comparison.campaigns", "pandas", "scipy.stats")
+"""Modules that some pages need, imported when the first page is there."""
 _LAST_REPLIES_S: Final = 1
 """Time that replies may take after Ctrl-C; streams of events would never end."""
 
@@ -46,7 +51,10 @@ def serve(roots: Sequence[Path], port: int, *, browser: bool) -> None:
     if browser:
         # A browser may take seconds to start; connections wait in the socket meanwhile.
         threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
-    with listening:
+    warming = threading.Timer(_WARM_AFTER_S, lambda: [*map(import_module, _WARM)])
+    warming.daemon = True
+    warming.start()
+    with listening, suppress(KeyboardInterrupt):  # which is how it ends
         uvicorn.Server(config).run([listening])
 
 

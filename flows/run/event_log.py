@@ -12,6 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
+from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import NewDirectory, new_directory
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.computing import Computing
@@ -68,10 +69,15 @@ class EventLog:
             self._file = -1
             LOGGER.warning("events can't be written (%s)", error.strerror)
 
-    def begin(self, name: str, file: Path) -> None:
+    def begin(self, name: str, file: Path, request: RunRequest) -> None:
         """Write the first event, and go on in a thread."""
         self._tally.keep_changes()
-        values = {"name": name, "file": str(file.absolute()), "directory": str(self.directory.final.absolute())}
+        values: dict[str, Any] = {
+            "name": name,
+            "file": str(file.absolute()),
+            "directory": str(self.directory.final.absolute()),
+        }
+        values |= {"folder": os.getcwd(), "request": request.model_dump(mode="json", exclude_defaults=True)}
         self._append([self._event("began", **values, process=os.getpid(), host=platform.node())])
         self._thread.start()
 
@@ -152,7 +158,7 @@ def logged(run: PreparedCampaign, computing: Computing) -> Iterator[EventLog]:
     """
     with new_directory(run.delivery.folder, run.name, computing.created) as directory:
         log = EventLog(directory, computing)
-        log.begin(run.name, run.campaign.path)
+        log.begin(run.name, run.campaign.path, run.request)
         try:
             yield log
         except BaseException as error:

@@ -259,7 +259,7 @@ def test_page_describes_options_and_commands(name, page):
     described = {name.split()[0] for name in first_column(section(page, f"`vastflow {name}`"))}
     assert described == options
     commands = {name.split()[1] for name in first_column(section("run-and-resume", "Commands")) if " " in name}
-    assert commands == set(get_command(app).commands)
+    assert commands == set(get_command(app).list_commands(None))
 
 
 def places(page: Path) -> list[str]:

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 from command_line import called, refused
 
+from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.run import event_log
 from vastflow.flows.run.event_log import CampaignStopped, EventLog, logged
@@ -47,6 +48,7 @@ def campaign(tmp_path):
         name="room",
         delivery=SimpleNamespace(folder=tmp_path),
         campaign=SimpleNamespace(path=tmp_path / "room.vast"),
+        request=RunRequest(campaign="room.vast", runs=3),
     )
     return run, SimpleNamespace(tally=Tally(), engine=Engine(), created=CREATED)
 
@@ -73,6 +75,7 @@ def test_log_has_each_change_once(campaign, tmp_path):
         log.close("ended", faults=1)
     began, *changes, progress, last = events_in(place)
     file = {"name": "room", "file": str(tmp_path / "room.vast"), "directory": str(log.directory.final)}
+    file |= {"folder": os.getcwd(), "request": {"campaign": "room.vast", "runs": 3}}
     assert (began.event, began.values) == ("began", {**file, "process": os.getpid(), "host": os.uname().nodename})
     of = {"configuration": "room-1", "family": "room"}
     assert [(change.event, change.values) for change in changes if change.event != "progress"] == [
@@ -110,7 +113,7 @@ def test_log_of_full_disk_costs_events_alone(campaign, tmp_path, caplog):
     with new_directory(tmp_path, "room", CREATED) as directory:
         (directory.running / EVENTS).symlink_to("/dev/full")
         log = EventLog(directory, computing)
-        log.begin("room", run.campaign.path)
+        log.begin("room", run.campaign.path, run.request)
         counted(computing.tally)
         log.close("ended")
     assert "events are lost, they can't be written (No space left on device)" in caplog.text
@@ -254,6 +257,7 @@ def asleep(tmp_path, prefect_home):
     started = []
 
     def start(results):
+        before = {*unfinished(tmp_path / results)}
         command = ["run", "asleep.vast", "--results", results, "--store", f"store-{results}", "--workers", "1"]
         process = subprocess.Popen(
             [sys.executable, "-m", "vastflow.flows.cli", *command],
@@ -266,7 +270,7 @@ def asleep(tmp_path, prefect_home):
         started.append(process)
         deadline_s = time.monotonic() + 120
         while process.poll() is None and time.monotonic() < deadline_s:
-            for place in unfinished(tmp_path / results):
+            for place in {*unfinished(tmp_path / results)} - before:
                 if any(event.event == "executed" for event in EventReader(place).new()):
                     return process, place
             time.sleep(0.1)

@@ -101,12 +101,8 @@ function showLost(state) {
       "tr",
       {},
       element("td", { class: "brief" }, run.at.slice(11, 19)),
-      element("td", {}, element("a", { class: `run ${kind}`, href: address("/run", query) }, run.run)),
-      element(
-        "td",
-        { class: "name" },
-        element("a", { href: address("/configuration", { c: id, name: run.configuration }) }, run.configuration),
-      ),
+      element("td", {}, element("a", { class: `run ${kind}`, href: address("/live-run", query) }, run.run)),
+      element("td", { class: "name" }, run.configuration),
       element("td", { class: kind }, run.judgement === "fail" ? "failed" : run.judgement),
       element("td", {}, run.reason || "–"),
     );

@@ -37,7 +37,10 @@ def results(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def add_campaign(results: Path, a_room: Path) -> Callable[..., Path]:
-    """Writes the campaign of a day: configurations `KEY-1` … of families, with as many of four runs lost as listed; lengths of names differ."""
+    """Writes the campaign of a day.
+
+    Its configurations are `KEY-1` … of families, each with as many of its four runs lost as listed. Families' names have different lengths.
+    """
 
     def added(day: int, families: dict[str, list[int]], *, name: str = "office", text: str = CAMPAIGN) -> Path:
         campaign = SyntheticCampaign(results / f"{name}-2026-11-{day:02}-060000")

@@ -72,7 +72,7 @@ def narrow(browser: Browser, dark: bool) -> None:
     browser.ask("Emulation.setEmulatedMedia", features=features)
 
 
-def test_two_ticked_campaigns_are_compared_by_keyboard_alone(
+def test_list_compares_two_ticked_campaigns_by_keyboard(
     browser: Browser, explorer: str, add_campaign: Callable[..., Path]
 ) -> None:
     for day, lost in ((20, 0), (21, 1), (22, 4)):

@@ -153,7 +153,7 @@ def test_ticked_campaigns_are_compared_older_first(client, add_campaign, id_of, 
     )
 
 
-def test_other_number_of_ticked_campaigns_is_refused(client):
+def test_ticked_campaigns_must_be_two(client):
     assert "Expected two ticked campaigns, got 0." in client.get("/chosen").text
 
 

@@ -21,7 +21,7 @@ def test_comparison_names_baseline_candidate_and_changed_configurations(client, 
     assert "16 pairs of runs" in page
     assert re.search(r"room-1</a>.*?4 of 4</td>.*?0 of 4</td>", page, re.DOTALL)
     assert (
-        f"/run?c={two[1]}&amp;configuration=room-1&amp;run=2&amp;with=room-1&amp;withrun=2&amp;withc={two[0]}" in page
+        f"/run?c={two[0]}&amp;configuration=room-1&amp;run=2&amp;with=room-1&amp;withrun=2&amp;withc={two[1]}" in page
     )
 
 

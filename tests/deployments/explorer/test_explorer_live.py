@@ -3,9 +3,13 @@
 import json
 import os
 import shutil
+import subprocess
+import sys
 from datetime import UTC, datetime, timedelta
+from urllib.parse import parse_qsl
 
 import pytest
+from room import SMALL_ROOM, drawn_room
 from table import each_row
 
 from vastflow.deployments.explorer import live_page
@@ -214,3 +218,39 @@ def test_events_that_are_a_link_are_not_read_for_the_list(client, running, tmp_p
     os.rename(place / EVENTS, tmp_path / "elsewhere")
     os.symlink(tmp_path / "elsewhere", place / EVENTS)
     assert "office &lt;1&gt;" not in client.get("/").text
+
+
+def test_run_of_finished_campaign_is_at_its_own_page(client, add_campaign, id_of):
+    id = id_of(add_campaign(20, {"room": [1]}))
+    reply = client.get("/live-run", params={"c": id, "configuration": "room-1", "run": "2"})
+    assert (reply.status_code, reply.headers["location"]) == (303, f"/run?c={id}&configuration=room-1&run=2")
+
+
+@each_row("run", ["", "-1", "1.5", "9" * 10, "²"])
+def test_run_needs_an_index(client, add_campaign, id_of, run):
+    reply = client.get("/live-run", params={"c": id_of(add_campaign(20, {"room": [1]})), "run": run})
+    assert (reply.status_code, "Expected the index of a run" in reply.text) == (400, True)
+
+
+def test_run_of_campaign_that_tells_no_request_is_a_sentence(client, running, id_of):
+    reply = client.get("/live-run", params={"c": id_of(running()), "configuration": "room-1", "run": "0"})
+    assert (reply.status_code, "events don&#39;t tell how it was begun" in reply.text) == (409, True)
+
+
+@pytest.mark.slow
+def test_run_of_running_campaign_is_shown_from_the_store(client, results, running, id_of, tmp_path):
+    drawn_room(tmp_path)
+    (tmp_path / "room.vast").write_text(SMALL_ROOM)
+    request = {"campaign": "room.vast", "store": "store"}
+    told = {"name": "office", "file": str(tmp_path / "room.vast"), "folder": str(tmp_path), "request": request}
+    place = running()
+    (place / EVENTS).write_bytes(event("began", **told).line)
+    asked = {"c": id_of(place), "configuration": "room-2", "run": "1"}
+    assert "not all of these runs are judged yet" in client.get("/live-run", params=asked).text
+    command = [sys.executable, "-m", "vastflow.flows.cli", "run", "room.vast", "--store", "store", "--results", "other"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=600)
+    reply = client.get("/live-run", params=asked)
+    assert reply.status_code == 303, reply.text
+    id = dict(parse_qsl(reply.headers["location"].partition("?")[2]))["c"]
+    assert client.get("/").text.count("<tr>") == 2  # it is not listed
+    assert client.get("/compare", params={"a": id, "b": id}).status_code == 400  # which found it
