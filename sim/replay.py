@@ -156,8 +156,12 @@ def moment_of(stack: Stack, tick: int) -> Moment:
     )
 
 
-def snapshot_of(stack: Stack, moment: Moment, box: Box) -> TickSnapshot:
-    """Copy the state at a moment, and the costs in a part of the map."""
+def snapshot_of(stack: Stack, moment: Moment, box: Box, overview: bool = True) -> TickSnapshot:
+    """Copy the state at a moment, and the costs in a part of the map.
+
+    Args:
+        overview: False for an empty one, which takes no time.
+    """
     m, p, frame = stack.m[0], stack.p[0], _frame(stack)
     odom = Pose(float(m["map_odom_x"]), float(m["map_odom_y"]), float(m["map_odom_yaw"]))
     plan = stack.route.path[int(m["path_i"]) : int(m["path_n"]), :2].copy()
@@ -186,7 +190,7 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box) -> TickSnapshot:
             _cut(costs, place, Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())), frame
         ),
         local_costs=local,
-        overview=_in_map(_coarse(costs, place), frame),
+        overview=_in_map(_coarse(costs if overview else costs[:0, :0], place), frame),
     )
 
 
@@ -257,7 +261,7 @@ def _cut(costs: NDArray[np.uint8], place: tuple[float, float, float], box: Box) 
 
 
 def _coarse(costs: NDArray[np.uint8], place: tuple[float, float, float]) -> Patch:
-    k = -(-max(costs.shape) // OVERVIEW_CELLS)
+    k = max(1, -(-max(costs.shape) // OVERVIEW_CELLS))
     rows, columns = (-(-n // k) for n in costs.shape)
     framed = np.full((rows * k, columns * k), UNKNOWN, dtype=np.uint8)
     framed[: costs.shape[0], : costs.shape[1]] = costs

@@ -29,7 +29,8 @@ class Pages:
 
     def page(self, request: Request, template: str, status: int = 200, **values: Any) -> HTMLResponse:
         """Return a page; `request` and `values` are names in the template."""
-        return HTMLResponse(self._environment.get_template(template).render(request=request, **values), status)
+        text = self._environment.get_template(template).render(request=request, **values)
+        return HTMLResponse(text.encode(errors="replace"), status)  # names of files and in JSON may be no Unicode
 
     def sentence(self, request: Request, status: int, text: str) -> Response:
         """Return a page, or JSON below `/api/`, that says in one sentence what went wrong."""
@@ -41,7 +42,7 @@ class Pages:
 def address(path: str, **query: object) -> str:
     """Return an address with names in its query, whatever characters they have; None leaves a name out."""
     given = {key: value for key, value in query.items() if value is not None}
-    return f"{path}?{urlencode(given)}" if given else path
+    return f"{path}?{urlencode(given, errors='replace')}" if given else path
 
 
 def percent(share: float | None) -> str:
@@ -55,9 +56,9 @@ def points(share: float) -> str:
     return "0.0" if text in ("+0.0", "−0.0") else text
 
 
-def count(number: float) -> str:
-    """Return a number with separators of thousands."""
-    return f"{number:,}"
+def count(number: object) -> str:
+    """Return a number with separators of thousands, or a dash for what is none."""
+    return f"{number:,}" if isinstance(number, int | float) else "–"
 
 
 def moment(iso: str) -> str:

@@ -11,14 +11,14 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 from starlette.routing import Route
 
-from vastflow.deployments.explorer import campaign_page, campaigns_page, comparison_page, live_page
+from vastflow.deployments.explorer import campaign_page, campaigns_page, comparison_page, live_page, run_page
 from vastflow.deployments.explorer.directories import Directories, NoSuchCampaign
 from vastflow.deployments.explorer.pages import Pages
 from vastflow.deployments.explorer.security import HEADERS, Guard
 from vastflow.sim.model.faults import UserError
 
 STATIC: Final = Path(__file__).with_name("static")
-PAGES: Final = (campaigns_page, campaign_page, comparison_page, live_page)
+PAGES: Final = (campaigns_page, campaign_page, comparison_page, live_page, run_page)
 _A_DAY: Final = {"Cache-Control": "max-age=86400, immutable"}
 
 

@@ -20,7 +20,13 @@ from vastflow.sim.model.faults import UserError
 LOOPBACK: Final = "127.0.0.1"
 _TOKEN_BYTES: Final = 24
 _WARM_AFTER_S: Final = 3.0
-_WARM: Final = ("vastflow.flows.results.provenance", "vastflow.flows.comparison.campaigns", "pandas", "scipy.stats")
+_WARM: Final = (
+    "vastflow.deployments.explorer.frames",
+    "vastflow.flows.results.provenance",
+    "vastflow.flows.comparison.campaigns",
+    "pandas",
+    "scipy.stats",
+)
 """Modules that some pages need, imported when the first page is there."""
 _LAST_REPLIES_S: Final = 1
 """Time that replies may take after Ctrl-C; streams of events would never end."""

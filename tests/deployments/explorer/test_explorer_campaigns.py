@@ -100,6 +100,21 @@ def test_unknown_counts_are_not_measured(client, add_campaign, counts):
     assert "not measured" in page and "0.0 %" not in page
 
 
+def test_list_survives_values_of_any_kind(client, add_campaign):
+    path = add_campaign(20, {"room": [1]})
+    metadata = json.loads((path / "metadata.json").read_text())
+    odd = {
+        "name": "\ud800 <b>",
+        "created": [1],
+        "faults": "none",
+        "counts": {"runs": "x", "configurations": [], "passed": 1e9},
+    }
+    (path / "metadata.json").write_text(json.dumps(metadata | odd))
+    add_campaign(21, {"room": [1]})
+    page = client.get("/")
+    assert page.status_code == 200 and "? &lt;b&gt;" in page.text and "not measured" in page.text
+
+
 def test_change_is_told_against_previous_campaign_of_the_name(directories, add_campaign):
     add_campaign(20, {"room": [1]}, text=TEXT)
     add_campaign(21, {"room": [1]}, text="other", name="other")

@@ -1,0 +1,309 @@
+"""Frames of a stored run: everything that its page shows at once, from the recording and without an execution."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias
+
+import numpy as np
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from vastflow.deployments.explorer.around import configuration_row
+from vastflow.deployments.explorer.packed import packed
+from vastflow.oracles.figures.scene import known_cells, zones_of
+from vastflow.oracles.judgement.verdict import run_judgement
+from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
+from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, Trace, trace_of
+from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
+from vastflow.oracles.results.schema import behaviors_of, read_columns
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
+from vastflow.sim.model.blocks import read_block, read_recordings
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.model.recording import Columns, Event, Recording
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.reading.robot import robot_of
+from vastflow.sim.reading.world import WORLD_KEY, difference_of
+from vastflow.sim.world.difference import world_of
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
+
+Mark: TypeAlias = Literal["contact", "recovery", "error", "goal", "obstacle", "stop"]
+"""Kinds of ticks on the time line."""
+MARKS: Final[Mapping[str, Mark]] = {
+    "contact": "contact",
+    "recovery": "recovery",
+    **dict.fromkeys(("plan_failed", "control_failed", "goal_missed", "stood_still"), "error"),
+    "goal_reached": "goal",
+    **dict.fromkeys(("spawned", "deleted"), "obstacle"),
+    "stopped_by_monitor": "stop",
+}
+"""Kind of event to its tick; others, such as each move of an obstacle, have none."""
+
+POSES: Final = ("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad")
+SIGNALS: Final[Sequence[Mapping[str, Any]]] = (
+    {"title": "Speed", "unit": "m/s", "lines": {"speed_mmps": "true", "sent_speed_mmps": "commanded"}},
+    {"title": "Yaw rate", "unit": "rad/s", "lines": {"yaw_rate_mradps": "true", "sent_yaw_rate_mradps": "commanded"}},
+    {
+        "title": "Clearance of the center",
+        "unit": "m",
+        "lines": {
+            "wall_clearance_mm": "walls",
+            "static_clearance_mm": "obstacles",
+            "appearing_clearance_mm": "appearing obstacles",
+        },
+    },
+    {"title": "Localization error", "unit": "m", "lines": {"localization_error_mm": ""}},
+    {"title": "Off the reference path", "unit": "m", "lines": {"deviation_mm": ""}},
+)
+"""Plots below the map; the lines are stored columns of thousandths."""
+
+ERRORS: Final[Mapping[int, str]] = {
+    103: "invalid path",
+    104: "patience exceeded",
+    105: "failed to make progress",
+    203: "start outside map",
+    204: "goal outside map",
+    205: "start occupied",
+    206: "goal occupied",
+    207: "timeout",
+    208: "no valid path",
+}
+"""Nav2's codes and names; planning through poses has those of planning to a pose, 100 higher."""
+
+FREE, WALL, UNKNOWN = 0, 1, 2
+"""Cells of maps in a reply; those of masks are 0 to 100."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredRun:
+    """A run as its campaign directory has it.
+
+    Attributes:
+        configuration: The executed one; a duplicate's original.
+        recording, trace: None where the run was not recorded.
+        derived: Stored columns of the trace.
+        verdicts: Rows of `verdicts.parquet`, one for each oracle.
+    """
+
+    configuration: str
+    run_index: int
+    scenario: Scenario
+    recording: Recording | None = field(repr=False)
+    trace: Trace | None = field(repr=False)
+    derived: Mapping[str, NDArray[np.int32]] = field(repr=False)
+    verdicts: Sequence[Mapping[str, Any]] = field(repr=False)
+
+
+def stored_run(directory: Path, configuration: str, run_index: int, files: KeptFiles | None = None) -> StoredRun:
+    """Read a run from a campaign directory.
+
+    Args:
+        files: Of the directory, if it was read before; to find a file it may read all of them.
+
+    Raises:
+        UnusableDirectory: an unknown configuration or run; a missing or damaged file.
+    """
+    with reading(directory.name):
+        row = configuration_row(directory, read_columns(directory / "configurations.parquet"), configuration)
+        name = row["duplicate_of"] or configuration
+        verdicts = pq.read_table(directory / "verdicts.parquet", filters=[("configuration", "==", name)])
+        verdicts = verdicts.filter(pc.field("run_index") == run_index).to_pylist()
+        if not verdicts:
+            raise UnusableDirectory(f"{directory.name}: {name} has no run {run_index}")
+        return StoredRun(
+            name,
+            run_index,
+            scenario_of_row(row, files or KeptFiles(directory)),
+            *_recorded(directory, name, run_index),
+            verdicts,
+        )
+
+
+_Recorded: TypeAlias = tuple[Recording | None, Trace | None, Mapping[str, NDArray[np.int32]]]
+
+
+def _recorded(directory: Path, name: str, run_index: int) -> _Recorded:
+    recordings, traces = (directory / folder / f"{name}.parquet" for folder in ("recordings", "traces"))
+    if not recordings.is_file():  # every run of it broke
+        return None, None, {}
+    recording = next((each for each in read_recordings(recordings) if each.run.run_index == run_index), None)
+    if recording is None:
+        return None, None, {}
+    of_all = behaviors_of(directory, name)
+    own = of_all.pop("run_index", None) == run_index
+    recording = replace(recording, behaviors={key: column[own] for key, column in of_all.items()})
+    for row, derived in read_block(traces) if traces.is_file() else ():
+        if row["run_index"] == run_index:
+            return recording, trace_of(recording, row, derived), derived
+    return recording, None, {}
+
+
+def frames_of(run: StoredRun, asked: str) -> bytes:
+    """Return the packed reply of a run.
+
+    Args:
+        asked: The configuration in the address, of which the executed one may be the original.
+
+    Raises:
+        ValueError: a scenario or a map that can't be read.
+    """
+    header: dict[str, Any] = {
+        "configuration": asked,
+        "executed": run.configuration,
+        "run": run.run_index,
+        "judgement": run_judgement([verdict["judgement"] for verdict in run.verdicts]),
+        "verdicts": [{**verdict, "metrics": json.loads(verdict["metrics"])} for verdict in run.verdicts],
+        "sentence": "",
+        "tick_s": TICK_S,
+    }
+    if run.recording is None:
+        return packed({**header, "sentence": "This run was not recorded; the verdicts say why."}, {})
+    told = run.recording.run
+    header |= {
+        **{name: getattr(told, name) for name in ("outcome", "reason", "simulated_s", "distance_m", "recoveries")},
+        "events": [*_event_rows(told.events)],
+        "behaviors": [*scenario_spans(run.recording.behaviors, told.simulated_s)],
+    }
+    if not run.recording.columns:
+        where = f"What its programs wrote is in outputs/{run.configuration}.zip of the campaign directory."
+        return packed({**header, "sentence": f"This scenario has no robot, so there is no map to show. {where}"}, {})
+    facts, arrays = _robot_frames(run, run.recording)
+    return packed({**header, **facts}, arrays)
+
+
+def _robot_frames(run: StoredRun, recording: Recording) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    situation, robot = situation_of(run.scenario), robot_of(parameters_of(run.scenario.system))
+    reference = run.trace.reference if run.trace is not None else None
+    path = reference.points_xy_m if isinstance(reference, Reference) else np.empty((0, 2))
+    there = {**recording.columns, **run.derived}
+    if not len(path):
+        there.pop("deviation_mm", None)
+    plots = [{**plot, "lines": {k: v for k, v in plot["lines"].items() if k in there}} for plot in SIGNALS]
+    shown = dict.fromkeys([*POSES, *(column for plot in plots for column in plot["lines"])])
+    grids, cells = _grids(run.scenario)
+    facts = {
+        "robot": {"radius_m": robot.radius_m, "vertices": robot.vertices},
+        "start": situation.start and _pose_row(situation.start),
+        "goals": [_pose_row(goal) for goal in situation.goals],
+        "obstacles": [_track_row(track) for track in obstacle_tracks_of(situation, recording.run)],
+        "activities": [*_standing(there)],
+        "signals": [plot for plot in plots if plot["lines"]],
+        "nowhere": NOWHERE_MM,
+        "grids": grids,
+    }
+    return facts, {**{name: there[name] for name in shown}, **cells, "reference": path.astype(np.float32)}
+
+
+def _event_rows(events: Iterable[Event]) -> Iterator[dict[str, Any]]:
+    for event in events:
+        if event.kind in MARKS:
+            row = {"t_s": event.t_s, "mark": MARKS[event.kind], "x_m": event.x_m, "y_m": event.y_m}
+            yield {**row, "text": _words(event)}
+
+
+def _words(event: Event) -> str:
+    """Return an event in a few words. Those of `vastflow.oracles.replay.story` would import the simulator's kernels."""
+    match event.kind:
+        case "contact":
+            return f"contact with {event.what} at {event.value:.2f} m/s"
+        case "plan_failed" | "control_failed":
+            code = int(event.what)
+            name = ERRORS.get(code - 100 if code >= 300 else code, "unknown error")
+            return f"{'planner' if event.kind == 'plan_failed' else 'controller'} failed: {name} ({code})"
+        case "goal_reached" | "goal_missed":
+            return f"goal {int(event.what) + 1} {'reached' if event.kind == 'goal_reached' else 'given up'}"
+        case "spawned" | "deleted":
+            return f"{event.what} {'appears' if event.kind == 'spawned' else 'disappears'}"
+        case "stopped_by_monitor":
+            return "stopped by the collision monitor"
+        case _:
+            return f"{event.kind.replace('_', ' ')}: {event.what}"
+
+
+def scenario_spans(behaviors: Columns, end_s: float) -> Iterator[dict[str, Any]]:
+    """Yield name, start, end, and last status of each time that an action of the scenario ran.
+
+    Args:
+        behaviors: Status changes of the scenario's tree, see `Recording`; without its compositions, which have children.
+        end_s: Time of the run's end, until which an action without a last status ran.
+    """
+    if not behaviors:
+        return
+    parents = set(behaviors["parent"].tolist())
+    running: dict[int, dict[str, Any]] = {}
+    for t_s, node, name, status, message in zip(
+        *(behaviors[column].tolist() for column in ("t_s", "behavior", "name", "status", "message")), strict=True
+    ):
+        if node in parents:
+            continue
+        if (span := running.pop(node, None)) is not None:
+            yield {**span, "end_s": t_s, "status": status, "message": message or span["message"]}
+        if status == "RUNNING":
+            running[node] = {"name": name, "start_s": t_s, "message": message}
+    for span in running.values():
+        yield {**span, "end_s": end_s, "status": "RUNNING"}
+
+
+def _standing(columns: Mapping[str, NDArray[np.int32]]) -> Iterator[tuple[float, float, str]]:
+    """Yield start, end, and activity as far as a recording tells it: whether the robot drives or stands."""
+    if "stopped" not in columns:
+        return
+    t_s = (columns["t_ms"] * 1e-3).tolist()
+    for stands, rows in groupby(range(len(t_s)), lambda row: bool(columns["stopped"][row])):
+        first, *others = rows
+        last = others[-1] if others else first
+        yield t_s[first], t_s[min(last + 1, len(t_s) - 1)], "standing" if stands else "driving"
+
+
+def _pose_row(pose: Pose) -> tuple[float, float, float]:
+    return pose.x_m, pose.y_m, pose.yaw_rad
+
+
+def _track_row(track: ObstacleTrack) -> dict[str, Any]:
+    """Name, shape, size, and places: since when (s), x, y (null while absent), and yaw."""
+    obstacle = track.obstacle
+    places = zip((track.since_ms * 1e-3).tolist(), *track.xy_m.T.tolist(), track.yaw_rad.tolist(), strict=True)
+    size = {"length_m": obstacle.length_m, "width_m": obstacle.width_m}
+    return {"name": obstacle.name, "shape": obstacle.shape, **size, "places": [*places]}
+
+
+def _grids(scenario: Scenario) -> tuple[list[dict[str, Any]], dict[str, NDArray[np.uint8]]]:
+    """Describe the map, the world where it differs, and the masks of costmap filters; and their cells by name."""
+    found: list[dict[str, Any]] = []
+    cells: dict[str, NDArray[np.uint8]] = {}
+
+    def add(kind: str, occupancy: OccupancyMap, values: NDArray[np.uint8]) -> None:
+        rows, columns = known_cells(occupancy)
+        ((x_m, y_m),) = occupancy.corners_of(np.array([(rows.start, columns.start)])).tolist()
+        name = f"grid {len(found)}"
+        place = {"x_m": x_m, "y_m": y_m, "yaw_rad": occupancy.yaw_rad, "resolution_m": occupancy.resolution_m}
+        found.append({"kind": kind, "cells": name, **place})
+        cells[name] = values[rows, columns]
+
+    map_file = scenario.environment["map_file"]
+    assert isinstance(map_file, FileContent)  # else no robot would have been executed
+    occupancy = load_map(map_file.path)
+    add("map", occupancy, _cells_of(occupancy))
+    if (difference := difference_of(scenario.environment.get(WORLD_KEY))) is not None:
+        world = world_of(occupancy, difference)
+        add("world", world, _cells_of(world))
+    zones = zones_of([scenario])
+    for kind, masks in (("keepout", zones.keepout), ("speed", zones.speed)):
+        for mask in masks:
+            add(kind, mask, np.maximum(mask.cells, 0).astype(np.uint8))
+    return found, cells
+
+
+def _cells_of(occupancy: OccupancyMap) -> NDArray[np.uint8]:
+    kinds: NDArray[np.uint8] = np.select([occupancy.occupied, occupancy.cells < 0], [WALL, UNKNOWN], FREE).astype(
+        np.uint8
+    )
+    return kinds

@@ -1,0 +1,234 @@
+/** The player: one or two runs on one clock. */
+
+import { element } from "./dom.js";
+import { fetchPacked } from "./packed.js";
+import { onActions, onLayers } from "./player_keys.js";
+import { MapView } from "./player_map.js";
+import { panel } from "./player_panels.js";
+import { Layers, Run } from "./player_run.js";
+import { readTheme } from "./player_theme.js";
+import { Tracks } from "./player_tracks.js";
+
+const query = new URLSearchParams(location.search);
+const find = (selector) => /** @type {HTMLElement} */ (document.querySelector(selector));
+const [said, play, time, layers] = ["#said", "[data-action=toggle]", ".time", "#layers"].map(find);
+const execute = /** @type {HTMLButtonElement} */ (find("[data-action=execute]"));
+const speed = /** @type {HTMLSelectElement} */ (find("#speed"));
+/** Longest step of the clock, so that a page that was hidden does not jump. */
+const MOST_S = 0.25;
+
+class Player {
+  /** @param {Array<{run: Run, query: string}>} sides The query asks for the run. */
+  constructor(sides) {
+    this.sides = sides.map((side) => ({
+      ...side,
+      view: null,
+      state: null,
+      activities: side.run.header.activities || [],
+    }));
+    this.end = Math.max(...sides.map(({ run }) => run.end));
+    this.tick = sides[0].run.header.tick_s;
+    this.t = Math.min(Math.max(Number(query.get("t")) || 0, 0), this.end);
+    this.frame = 0;
+    find(".maps").replaceChildren(...this.sides.map((side, k) => this.#map(side, k)));
+    find(".panels").replaceChildren(...sides.map(({ run }) => panel(run, (t) => this.seek(t))));
+    find("#controls").hidden = !this.views.length;
+    this.tracks = new Tracks(find(".tracks"), this.sides, this.end, (t) => this.seek(t));
+    onActions(this.actions);
+    onLayers(layers, (shown) => {
+      this.shown = shown;
+      this.draw();
+    });
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.recolor());
+    new ResizeObserver(() => this.repaint()).observe(find(".player"));
+    this.recolor();
+    const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    if (query.get("paused") !== "1" && !still && this.views.length) this.play();
+  }
+
+  /** @type {Object<string, (shift: boolean) => void>} */
+  actions = {
+    toggle: () => (this.playing ? this.pause() : this.play()),
+    back: (shift) => this.seek(this.t - (shift ? 1 : 0.1)),
+    ahead: (shift) => this.seek(this.t + (shift ? 1 : 0.1)),
+    tickBack: () => this.seek((Math.ceil(this.t / this.tick - 1e-6) - 1) * this.tick),
+    tickAhead: () => this.seek((Math.floor(this.t / this.tick + 1e-6) + 1) * this.tick),
+    start: () => this.seek(0),
+    end: () => this.seek(this.end),
+    slower: () => (speed.selectedIndex = Math.max(speed.selectedIndex - 1, 0)),
+    faster: () => (speed.selectedIndex = Math.min(speed.selectedIndex + 1, speed.length - 1)),
+    contact: () => this.#toNextContact(),
+    next: () => this.#open("n", "No failed run comes after this one."),
+    previous: () => this.#open("p", "No failed run comes before this one."),
+    closer: () => this.views.forEach((view) => view.zoom(1.25)),
+    farther: () => this.views.forEach((view) => view.zoom(0.8)),
+    fit: () => this.views.forEach((view) => view.fit()),
+    follow: () => this.#follow(),
+    copy: () => this.#copy(),
+    execute: () => this.load(),
+    help: () => /** @type {HTMLDialogElement} */ (find("dialog")).showModal(),
+  };
+
+  get views() {
+    return this.sides.map(({ view }) => view).filter(Boolean);
+  }
+
+  #map(side, k) {
+    const { run } = side;
+    const name = element("strong", {}, this.sides.length > 1 ? `${"AB"[k]}: ${run.name} ` : "");
+    name.style.color = `var(--${k ? "second" : "accent"})`;
+    if (!run.hasRobot) return element("p", { class: "panel" }, `${run.name}: ${run.header.sentence}`);
+    const canvas = element("canvas", { class: "map", tabindex: 0, role: "img", "aria-label": `Map of ${run.name}` });
+    side.view = new MapView(/** @type {HTMLCanvasElement} */ (canvas), run, () => this.draw());
+    side.state = element("span");
+    return element("figure", { class: "map" }, canvas, name, side.state);
+  }
+
+  /** Draw everything in the colors of light or dark. */
+  recolor() {
+    this.theme = readTheme();
+    for (const view of this.views) view.paint(this.theme);
+    this.repaint();
+  }
+
+  /** Draw everything in the size of the page. */
+  repaint() {
+    for (const view of this.views) view.resize();
+    this.tracks.paint(this.theme);
+    this.#draw(performance.now());
+  }
+
+  /** Draw the moment at the next chance. */
+  draw() {
+    this.frame ||= requestAnimationFrame((now) => this.#draw(now));
+  }
+
+  #draw(now) {
+    cancelAnimationFrame(this.frame);
+    this.frame = 0;
+    if (this.playing) {
+      this.t = Math.min(this.t + Math.min((now - this.before) / 1000, MOST_S) * Number(speed.value), this.end);
+      this.before = now;
+      if (this.t < this.end) this.draw();
+      else this.pause();
+    }
+    for (const { view, state, run, activities } of this.sides.filter(({ view }) => view)) {
+      view.draw(this.t, this.shown);
+      const doing = activities.find(([start, end]) => start <= this.t && this.t < end)?.[2] || "";
+      const [speed, off] = ["speed_mmps", "localization_error_mm"].map((name) => run.value(name, this.t));
+      const said = [
+        doing,
+        `${speed.toFixed(2)} m/s`,
+        Number.isNaN(off) ? "" : `localization ${(100 * off).toFixed(0)} cm off`,
+      ];
+      state.textContent = this.t > run.end ? `ended at ${run.end.toFixed(2)} s` : said.filter(Boolean).join(" · ");
+    }
+    this.tracks.moveTo(this.t);
+    time.textContent = `${this.t.toFixed(2)} s of ${this.end.toFixed(2)} s`;
+  }
+
+  play() {
+    if (this.t >= this.end) this.t = 0;
+    this.playing = true;
+    this.before = performance.now();
+    play.textContent = "Pause";
+    this.draw();
+  }
+
+  pause() {
+    this.playing = false;
+    play.textContent = "Play";
+    clearTimeout(this.keeping);
+    // Browsers limit how often an address may change. It replaces the last one, so that Back leaves the page.
+    this.keeping = setTimeout(() => history.replaceState(null, "", this.address()), 250);
+    this.draw();
+  }
+
+  /** Go to a time, and stay there. */
+  seek(t) {
+    // Rounded against sums of steps.
+    this.t = Math.min(Math.max(Math.round(t * 2000) / 2000, 0), this.end);
+    this.pause();
+  }
+
+  /** The address of this moment. */
+  address() {
+    const here = new URL(location.href);
+    here.searchParams.set("t", String(+this.t.toFixed(3)));
+    here.searchParams.set("paused", "1");
+    if (execute.hidden) here.searchParams.set("layers", "1");
+    return here.href;
+  }
+
+  #toNextContact() {
+    const times = this.sides.flatMap(({ run }) => run.contacts.map((event) => event.t_s)).sort((a, b) => a - b);
+    const next = times.find((t) => t > this.t + 1e-3);
+    if (next !== undefined) this.seek(next);
+    else said.textContent = times.length ? "No contact comes after this moment." : "There is no contact.";
+  }
+
+  #follow() {
+    const follow = !this.views.every((view) => view.follow);
+    for (const view of this.views) {
+      if (follow && view.fitted) view.zoom(Math.max(90 / view.scale, 1));
+      Object.assign(view, { follow, fitted: false });
+    }
+    this.draw();
+  }
+
+  #open(key, otherwise) {
+    const link = /** @type {HTMLAnchorElement | null} */ (document.querySelector(`a[data-key="${key}"]`));
+    if (link) link.click();
+    else said.textContent = otherwise;
+  }
+
+  #copy() {
+    const [place, told] = [this.address(), "The address of this moment is copied."];
+    navigator.clipboard.writeText(place).then(
+      () => (said.textContent = told),
+      () => (said.textContent = place),
+    );
+  }
+
+  /** Ask for the layers that only an execution has. */
+  async load() {
+    execute.disabled = true;
+    said.textContent = "Executing …";
+    const told = [];
+    for (const side of this.sides.filter(({ view }) => view)) {
+      try {
+        side.view.layers = new Layers(await fetchPacked(`/api/layers?${side.query}`));
+        const { activities, sentence, note } = side.view.layers.header;
+        side.activities = activities;
+        told.push(sentence && `${side.run.name}: ${sentence}`, note);
+      } catch (error) {
+        told.push(`${side.run.name}: ${error instanceof Error ? error.message : error}`);
+      }
+    }
+    execute.disabled = false;
+    execute.hidden = this.views.some((view) => view.layers);
+    for (const box of layers.querySelectorAll("input")) box.disabled &&= !execute.hidden;
+    said.textContent = [...new Set(told)].filter(Boolean).join(" ");
+    this.repaint();
+  }
+}
+
+async function sideOf(c, configuration, run) {
+  const place = String(new URLSearchParams({ c, configuration, run }));
+  const found = new Run(await fetchPacked(`/api/frames?${place}`));
+  if (query.get("withc")) found.name += ` of ${c}`;
+  return { run: found, query: place };
+}
+
+find("form.bar").addEventListener("change", () => /** @type {HTMLFormElement} */ (find("form.bar")).submit());
+try {
+  const given = (name) => query.get(name) || "";
+  const runs = [sideOf(given("c"), given("configuration"), given("run"))];
+  if (given("withrun")) runs.push(sideOf(given("withc") || given("c"), given("with"), given("withrun")));
+  const player = new Player(await Promise.all(runs));
+  said.textContent = "";
+  if (query.get("layers") === "1") await player.load();
+} catch (error) {
+  said.className = "sentence";
+  said.textContent = error instanceof Error ? error.message : String(error);
+}

@@ -1,0 +1,185 @@
+"""Layers of runs against replays of them; what is refused; what is kept."""
+
+import gzip
+from concurrent.futures import Future
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import walled_room, write_map
+from unpacked import unpacked
+
+from vastflow.deployments.explorer import kept_layers
+from vastflow.deployments.explorer.kept_layers import KeptLayers
+from vastflow.deployments.explorer.layers import Points, Watched, layers_of
+from vastflow.oracles.replay.recorded import RecordedRun
+from vastflow.oracles.results.unusable import UnusableDirectory
+from vastflow.sim.model.scenario import ProcessSetup, Scenario
+from vastflow.sim.replay import Box, replay
+from vastflow.sim.world.map_file import map_content
+from vastflow.tasks.engine.executor import WorkerDied
+
+METADATA = {
+    "source": {"execute": "another"},
+    "numeric_class": "another",
+    "versions": {},
+    "vastflow": "0.1.0",
+    "host": {},
+}
+HERE = Box(-3.0, -3.0, 7.0, 7.0)
+"""The part of the global costmap around the start, (1, 2) rounded to steps of 2 m."""
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
+    """Three seconds of a run past a box."""
+    room = map_content(write_map(tmp_path_factory.mktemp("room"), walled_room(6.0, 4.0)))
+    box = {"entity_name": "carton", "spawn_pose": {"x": 3.0, "y": 2.4, "yaw": 0.3}}
+    task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
+    noise = {"laserscan_gaussian_noise_std_deviation": 0.02}
+    scenario = Scenario("builtin:navigate_to_pose", 3.0, {"map_file": room, "boxes": [box]}, task, noise)
+    recording = replay(scenario, 2, 7, {}).recording
+    return RecordedRun("office-1", scenario, recording, 7, "fail", METADATA)
+
+
+@pytest.fixture(scope="module")
+def layers(recorded: RecordedRun):
+    return unpacked(layers_of(recorded))
+
+
+def test_layers_of_equal_run_name_no_difference_and_have_all_moments(layers):
+    header, arrays = layers
+    assert (header["sentence"], header["every_s"]) == ("", 0.1)
+    assert header["note"] == "The layers have a moment every 0.1 s, and the global costmap 10 m round the robot."
+    assert len(arrays["scan spans"]) == len(arrays["global places"]) == 30
+    assert [kind for _, _, kind in header["activities"]][:2] == ["resting", "following"]
+    assert header["activities"][-1][1] == pytest.approx(3.0)
+
+
+def test_layers_hold_points_of_snapshots_to_the_millimeter(recorded: RecordedRun, layers):
+    header, arrays = layers
+    moment = 12
+    (snapshot,) = replay(recorded.scenario, 2, 7, {2 * moment: HERE}).snapshots
+    expected = {
+        "plan": snapshot.plan_xy_m,
+        "scan": snapshot.scan_xy_m,
+        "horizon": snapshot.intended_xy_m,
+        "particles": snapshot.particles[:, :2],
+    }
+    for name, xy_m in expected.items():
+        first, end = arrays[f"{name} spans"][moment]
+        x_m, y_m, size_m = header["units"][name]
+        assert len(xy_m) > 10
+        found = arrays[f"{name} points"][first:end] * size_m + (x_m, y_m)
+        np.testing.assert_allclose(found, xy_m, atol=0.0006)
+
+
+def test_layers_hold_costs_of_snapshots(recorded: RecordedRun, layers):
+    _, arrays = layers
+    moment = 12
+    (snapshot,) = replay(recorded.scenario, 2, 7, {2 * moment: HERE}).snapshots
+    assert snapshot.local_costs is not None
+    for name, patch in (("global", snapshot.global_costs), ("local", snapshot.local_costs)):
+        first, rows, columns = arrays[f"{name} spans"][moment]
+        found = arrays[f"{name} cells"][first : first + rows * columns].reshape(rows, columns)
+        np.testing.assert_array_equal(found, patch.costs)
+        corner = patch.corner
+        expected = (corner.x_m, corner.y_m, corner.yaw_rad, patch.resolution_m)
+        np.testing.assert_allclose(arrays[f"{name} places"][moment], expected, atol=1e-6)
+
+
+def test_layers_of_long_runs_have_fewer_moments():
+    assert [Watched(100_000, t_s).every for t_s in (0.0, 120.0, 300.0, 301.0, 3000.0)] == [2, 2, 2, 3, 20]
+
+
+def test_layers_of_another_run_say_how_it_differs(recorded: RecordedRun):
+    columns = {**recorded.recording.columns, "x_mm": recorded.recording.columns["x_mm"] + 1}
+    other = replace(recorded, recording=replace(recorded.recording, columns=columns))
+    header, _ = unpacked(layers_of(other))
+    assert header["sentence"].startswith("The layers are not those of the recorded run")
+    assert "row 0 (0.00 s), x_mm: recorded 1001, executed 1000" in header["sentence"]
+    assert "recorded with other source of the simulator" in header["sentence"]
+
+
+def test_layers_are_refused_without_robot_or_with_programs(recorded: RecordedRun):
+    still = replace(recorded, recording=replace(recorded.recording, columns={}))
+    with pytest.raises(UnusableDirectory, match="no robot"):
+        layers_of(still)
+    programs = replace(recorded, scenario=replace(recorded.scenario, programs=ProcessSetup()))
+    with pytest.raises(UnusableDirectory, match="programs would be started again"):
+        layers_of(programs)
+
+
+def test_points_share_ends_of_sets_before():
+    points = Points()
+    path = np.array([(0.0, 0.0), (1.0, 0.0), (2.0, 0.5), (3.0, 0.5)])
+    for part in (path, path[1:], path[1:], path[:0], path):
+        points.add(part)
+    unit, units, spans = points.packed()
+    assert spans.tolist() == [[0, 4], [1, 4], [1, 4], [4, 4], [4, 8]]
+    np.testing.assert_allclose(units[:4] * unit.size_m + (unit.x_m, unit.y_m), path, atol=0.0006)
+
+
+def test_points_far_apart_get_larger_units():
+    points = Points()
+    points.add(np.array([(0.0, 0.0), (200.0, 1.0)]))
+    unit, units, _ = points.packed()
+    assert 0.003 < unit.size_m < 0.0031
+    np.testing.assert_allclose(units * unit.size_m + (unit.x_m, unit.y_m), [(0.0, 0.0), (200.0, 1.0)], atol=0.002)
+
+
+class DonePool:
+    """A pool whose units are done when they are handed in."""
+
+    def __init__(self, workers):
+        self.asked = []
+
+    def submit(self, function, directory, configuration, run_index, priority):
+        self.asked.append((configuration, run_index))
+        done = Future()
+        if configuration == "broken":
+            done.set_exception(WorkerDied("the worker process died 3 times"))
+        else:
+            done.set_result(gzip.compress(bytes(30), 1) + bytes(10_000_000 * (configuration == "large")))
+        return done
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def kept(monkeypatch: pytest.MonkeyPatch) -> tuple[KeptLayers, list[tuple[str, int]]]:
+    """Layers that are done at once, and the runs that were executed."""
+    pool = DonePool(1)
+    monkeypatch.setattr(kept_layers, "Pool", lambda workers: pool)
+    return KeptLayers(), pool.asked
+
+
+def test_kept_layers_execute_a_run_once(kept, tmp_path: Path):
+    layers, executed = kept
+    assert layers.layers(tmp_path, "a", 0).result() == layers.layers(tmp_path, "a", 0).result()
+    assert executed == [("a", 0)]
+    for run in range(1, 10):
+        layers.layers(tmp_path, "a", run)
+    layers.layers(tmp_path, "a", 9)
+    layers.layers(tmp_path, "a", 0)  # which was forgotten
+    assert executed == [*[("a", run) for run in range(10)], ("a", 0)]
+
+
+def test_kept_layers_forget_many_bytes(kept, tmp_path: Path):
+    layers, executed = kept
+    for run in range(7):
+        layers.layers(tmp_path, "large", run)
+    layers.layers(tmp_path, "large", 1)
+    layers.layers(tmp_path, "large", 0)
+    assert executed[-1] == ("large", 0)
+    assert len(executed) == 8
+
+
+def test_kept_layers_ask_again_after_an_error(kept, tmp_path: Path):
+    layers, executed = kept
+    for _ in range(2):
+        with pytest.raises(WorkerDied, match="the worker process died 3 times"):
+            layers.layers(tmp_path, "broken", 0).result()
+    assert len(executed) == 2
