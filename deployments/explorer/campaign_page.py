@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any, Final
 
 import pyarrow as pa
@@ -21,7 +22,6 @@ from vastflow.deployments.explorer.selection import (
     WIDE_FILE,
     Bools,
     Filter,
-    condition_json,
     format_filter,
     parse_filter,
     python_of,
@@ -89,7 +89,7 @@ def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -
     def made() -> Response:
         found: dict[str, Any] = {
             "filter": format_filter(chosen),
-            "conditions": [condition_json(each) for each in chosen.conditions],
+            "conditions": [asdict(each) for each in chosen.conditions],
             "summary": facets.summary_json(campaign.table, mask),
             "reasons": facets.reasons_json(campaign.table, mask),
             "columns": facets.column_list(campaign.facets),

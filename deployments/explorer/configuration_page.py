@@ -1,6 +1,7 @@
 """The page of a configuration: its runs over each other, their signals and events, and the nearest one that passes."""
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -16,11 +17,16 @@ from vastflow.deployments.explorer.pages import Pages
 from vastflow.deployments.explorer.replies import BadRequest, arrays_reply, json_reply, name_of, unless_known
 from vastflow.deployments.explorer.selection import RunTable
 from vastflow.deployments.explorer.trajectories import floor_of, layer, read_paths
-from vastflow.oracles.observation.trace import signals_of
+from vastflow.oracles.figures.scene import distinct_obstacles
+from vastflow.oracles.observation.obstacle_tracks import spawned_by
+from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.observation.trace import signal_name, signals_of
+from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.tables import CODES, FAIL, PASS
 from vastflow.oracles.results.unusable import reading
-from vastflow.sim.model.blocks import read_block
+from vastflow.sim.model.blocks import read_block, read_rows
 from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.recording import run_of
 
 TIME: Final = "t_s"
 DISTANCE: Final = "distance_m"
@@ -104,8 +110,25 @@ def runs_and_neighbor(request: Request, campaign: Campaign, k: int) -> Response:
             "neighbor": neighbor(table, counts, k),
             "signals": _signal_names(campaign, k) if rows else [],
             "environment": str(campaign.trajectories.environments[k]) or None,
+            "around": surroundings(campaign.directory.path, table.configurations[k], list(rows.values())),
         }
     )
+
+
+def surroundings(directory: Path, name: str, rows: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+    """Return start, goals, and outlines of obstacles, those that runs spawned too; empty where the scenario can't be rebuilt."""
+    found = pq.read_table(directory / "configurations.parquet", filters=[("name", "==", name)]).to_pylist()
+    try:
+        situation = situation_of(scenario_of_row(found[0], KeptFiles(directory)))
+    except (OSError, ValueError, LookupError):
+        return {"start": None, "goals": [], "obstacles": []}
+    spawned = [obstacle for row in rows if row.get("entities") for obstacle in spawned_by(run_of(row))]
+    obstacles = distinct_obstacles([*situation.obstacles, *spawned])
+    return {
+        "start": situation.start and [situation.start.x_m, situation.start.y_m],
+        "goals": [[goal.x_m, goal.y_m] for goal in situation.goals],
+        "obstacles": [np.asarray(each.footprint().exterior.coords).tolist() for each in obstacles],
+    }
 
 
 def value_of(table: RunTable, name: str, run: int) -> float | str | None:
@@ -211,8 +234,6 @@ def _driven_m(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]
 
 
 def _recorded_rows(campaign: Campaign, k: int) -> list[dict[str, Any]]:
-    from vastflow.sim.model.blocks import read_rows
-
     file = campaign.directory.path / "recordings" / f"{campaign.table.configurations[k]}.parquet"
     return read_rows(file) if file.is_file() else []
 
@@ -230,8 +251,6 @@ def _signals(campaign: Campaign, k: int) -> list[tuple[int, Mapping[str, NDArray
 
 def _signal_names(campaign: Campaign, k: int) -> list[str]:
     """Return the signals of a configuration, those that tell most first, without reading them."""
-    from vastflow.oracles.observation.trace import signal_name
-
     stored: list[str] = []
     for folder in ("recordings", "traces"):
         file = campaign.directory.path / folder / f"{campaign.table.configurations[k]}.parquet"

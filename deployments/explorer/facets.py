@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
+import scipy.special  # noqa: F401 - which intervals import when they are first asked for, while somebody waits
 from numpy.typing import NDArray
 
 from vastflow.deployments.explorer.selection import (
@@ -52,12 +53,12 @@ class Facet:
     kind: Kind
     edges: NDArray[np.float64] = field(repr=False)
     values: tuple[str | None, ...] = field(repr=False)
-    cells: NDArray[np.int64] = field(repr=False)
+    cells: NDArray[np.int32] = field(repr=False)
 
 
 def facet_of(column: Column) -> Facet:
     """Return the facet of a column: few distinct numbers are values, more of them bins."""
-    none, nowhere = np.zeros(0), np.zeros(0, dtype=np.int64)
+    none, nowhere = np.zeros(0), np.zeros(0, dtype=np.int32)
     if column.levels is not None:
         used = np.unique(np.where(column.values < 0, len(column.levels), column.values))  # missing ones come last
         names: list[str | None] = [*column.levels, None]
@@ -76,12 +77,14 @@ def facet_of(column: Column) -> Facet:
     low, high = float(finite.min()), float(finite.max())
     scaled = np.where(missing, low, column.values) - low
     cells = np.clip((scaled * (BINS / (high - low))).astype(np.int64), 0, BINS - 1)
-    return Facet(column, "numbers", np.linspace(low, high, BINS + 1), (), np.where(missing, BINS, cells))
+    return Facet(
+        column, "numbers", np.linspace(low, high, BINS + 1), (), np.where(missing, BINS, cells).astype(np.int32)
+    )
 
 
 def _of_values(column: Column, names: Sequence[str | None], cells: NDArray[Any]) -> Facet:
     kind: Kind = "values" if len(names) > 1 else "constant"
-    return Facet(column, kind, np.zeros(0), tuple(names), cells.astype(np.int64))
+    return Facet(column, kind, np.zeros(0), tuple(names), cells.astype(np.int32))
 
 
 class Facets:
@@ -157,7 +160,7 @@ class Facets:
         }
 
 
-def _counts(cells: NDArray[np.int64], verdict: NDArray[np.int8], n: int) -> NDArray[np.int64]:
+def _counts(cells: NDArray[Any], verdict: NDArray[np.int8], n: int) -> NDArray[np.int64]:
     """Return the runs (n, 3) of each cell and verdict."""
     return np.bincount(cells * _VERDICTS + verdict, minlength=n * _VERDICTS).reshape(n, _VERDICTS)
 

@@ -1,6 +1,5 @@
 """Selections of a campaign's runs: filters as canonical text, and masks of the runs that pass them."""
 
-import json
 import math
 import threading
 from collections import OrderedDict
@@ -13,10 +12,11 @@ from urllib.parse import quote, unquote
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.varied import MEASURED, PATH_PROPERTIES
-from vastflow.oracles.results.schema import floats, integers, read_columns
+from vastflow.oracles.results.schema import floats
 from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS, read_tables
 from vastflow.sim.model.faults import UserError
 
@@ -283,30 +283,41 @@ def read_run_table(directory: Path) -> RunTable:
     Raises:
         OSError, ValueError: a table that is missing or damaged.
     """
-    if (directory / WIDE_FILE).is_file():
-        return run_table_of(read_columns(directory / WIDE_FILE))
+    file = directory / WIDE_FILE
+    if file.is_file():
+        # One column after another, as all of them at once take twice the memory.
+        return run_table_of(*_columns_of(file))
     from vastflow.oracles.evidence.wide import wide_table
 
-    return run_table_of(pa.Table.from_pandas(wide_table(read_tables(directory)), preserve_index=False))
+    joined = pa.Table.from_pandas(wide_table(read_tables(directory)), preserve_index=False)
+    return run_table_of(joined.column_names, joined.column)
 
 
-def run_table_of(found: pa.Table) -> RunTable:
-    """Return the columns of a wide table, see `vastflow.oracles.evidence.wide`.
+def _columns_of(file: Path) -> tuple[Sequence[str], Callable[[str], Any]]:
+    try:
+        opened = pq.ParquetFile(file)
+    except (pa.ArrowException, OSError) as error:
+        raise ValueError(f"{file.name}: can't be read: {' '.join(str(error).split())}") from None
+    return opened.schema_arrow.names, lambda name: opened.read(columns=[name]).unify_dictionaries()[name]
+
+
+def run_table_of(names: Sequence[str], column: Callable[[str], Any]) -> RunTable:
+    """Return the columns of a wide table, see `vastflow.oracles.evidence.wide`, each of which `column` gives by its name.
 
     Raises:
         ValueError: a column that every such table has is missing.
     """
-    if lacking := [name for name in ("configuration", "run_index", PASSED) if name not in found.column_names]:
+    if lacking := [name for name in ("configuration", "run_index", PASSED) if name not in names]:
         raise ValueError(f"{WIDE_FILE}: expected a column {lacking[0]!r}, got none")
-    oracles = [name.removeprefix(f"{PASSED}.") for name in found.column_names if name.startswith(f"{PASSED}.")]
-    columns = {name: _column(name, found[name], oracles) for name in found.column_names}
-    names, joint = columns["configuration"], columns[PASSED].values
+    oracles = [name.removeprefix(f"{PASSED}.") for name in names if name.startswith(f"{PASSED}.")]
+    columns = {name: _column(name, column(name), oracles) for name in names}
+    configuration, joint = columns["configuration"], columns[PASSED].values
     return RunTable(
         columns,
         np.where(joint < 0, NOT_JUDGED, np.where(joint == 0, PASS, FAIL)).astype(np.int8),
-        names.values.astype(np.int64),
-        names.levels or (),
-        integers(found["run_index"]),
+        configuration.values.astype(np.int64),
+        configuration.levels or (),
+        columns["run_index"].values.astype(np.int64),
     )
 
 
@@ -372,21 +383,6 @@ def _expression(column: Column, condition: Condition) -> str:
     return " | ".join(parts + ([f"{name}.isna()"] if None in condition.values else []))
 
 
-def condition_json(condition: Condition) -> dict[str, Any]:
-    """Return a condition as the page reads it."""
-    if isinstance(condition, ValuesOf):
-        return {"column": condition.column, "values": list(condition.values)}
-    if isinstance(condition, Containing):
-        return {"column": condition.column, "part": condition.part}
-    return {"column": condition.column, "low": condition.low, "high": condition.high}
-
-
 def is_place(level: str) -> bool:
     """True if a text is a JSON object or list, such as a pose, which no one filters by."""
-    if not level.startswith(("{", "[")):
-        return False
-    try:
-        json.loads(level)
-    except ValueError:
-        return False
-    return True
+    return level.startswith(('{"', "[")) and level.endswith(("}", "]"))

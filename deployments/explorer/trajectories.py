@@ -183,7 +183,7 @@ class _Reading:
 
 
 class Trajectories:
-    """The paths of a campaign by environment, read by a thread of its own, each environment once it was asked for.
+    """The paths of a campaign, read by a thread for each environment once it was asked for.
 
     Args:
         environments: (configurations,) digest of each configuration's map, None without one.
@@ -201,7 +201,7 @@ class Trajectories:
         self._closed = True
 
     def read(self, environment: str, wait_s: float) -> _Reading:
-        """Return what was read of an environment, and begin to read it; waits for its map and for some of its paths."""
+        """Return what was read of an environment, which begins with the first call; wait at most `wait_s` for all."""
         with self._changed:
             if environment not in self._readings:
                 of = np.flatnonzero(self.environments == environment)

@@ -99,11 +99,11 @@ def write_campaign(directory: Path, configurations: int, runs: int) -> Path:
     task = {"start_pose": {"x": 1.5, "y": 6.0}, "goal_pose": {"x": 18.0, "y": 6.0}}
     blocks, digests, scenarios = [], [], []
     for number in range(MAPS):
-        file = map_content(write_map(directory / "inputs" / f"hall{number}", number))
-        write_map(directory / "environments" / file.digest, number)
-        environment = {"map_file": file, "static_objects": []}
+        content = map_content(write_map(directory / "inputs" / f"hall{number}", number))
+        write_map(directory / "environments" / content.digest, number)
+        environment: dict[str, Any] = {"map_file": content, "static_objects": []}
         scenario = Scenario("builtin:navigate_to_pose", 60.0, environment, task, {})
-        digests.append(file.digest)
+        digests.append(content.digest)
         scenarios.append(json_text({"environment": environment, "task": task, "system": {}}))
         block = [write_recordings([recording(rng, k) for k in range(runs)]) for _ in range(BLOCKS)]
         blocks.append([(each, observe_block(scenario, each)) for each in block])
@@ -187,7 +187,7 @@ def wide(names: Sequence[str], runs: int, rng: np.random.Generator) -> pd.DataFr
 
 @contextmanager
 def served(folder: Path) -> Iterator[tuple[httpx.Client, psutil.Process, float]]:
-    """Serve a folder by `vastflow ui`, and yield a client that is let in, the server, and the time of its start (s)."""
+    """Serve a folder by `vastflow ui`, and yield a client, the server, and the time of its start (s)."""
     began_s = time.perf_counter()
     command = [sys.executable, "-m", "vastflow.flows.cli", "ui", str(folder), "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:

@@ -74,16 +74,18 @@ async function refresh() {
   waiting = new AbortController();
   remember();
   try {
-    const facets = ask("facets").then((reply) => reply.json());
     const rows = showRows();
-    told = await (await ask("summary")).json();
+    const [facets, summary] = await Promise.all(
+      ["facets", "summary"].map((view) => ask(view).then((reply) => reply.json())),
+    );
+    told = summary;
     $("error").replaceChildren();
     state.f = told.filter;
     remember();
     showSummary();
     showReasons();
     const drawnMap = showMap();
-    showFacets($("facets"), await facets, told.conditions, choose);
+    showFacets($("facets"), facets, told.conditions, choose);
     await Promise.all([rows, drawnMap, ...["scatter", "parallel", "python"].map(showDetails)]);
   } catch (error) {
     showError($("error"), error);
@@ -94,18 +96,18 @@ async function refresh() {
 
 const clearButton = () => element("button", { click: () => select([]) }, "Clear all filters");
 
+const muted = (text) => element("span", { class: "muted" }, text);
+
 function showSummary() {
   const { summary } = told;
   const parts = [summary.passed, summary.failed, summary.not_judged].map((n, k) => {
     return element("span", { class: VERDICTS[k].name.replace(" ", "-") }, `${count(n)} ${VERDICTS[k].word}`);
   });
-  const rate =
-    summary.rate === null ? "Nothing was judged" : `${percent(summary.rate)} passed (${interval(summary.interval)})`;
-  const size =
-    summary.runs === summary.all_runs
-      ? `all ${count(summary.runs)} runs of ${count(summary.configurations)} configurations`
-      : `${count(summary.runs)} of ${count(summary.all_runs)} runs, ${count(summary.configurations)} of ${count(summary.all_configurations)} configurations`;
-  const title = "95 % interval of the rate among configurations like these";
+  const rate = summary.rate === null ? "Nothing was judged" : `${percent(summary.rate)} passed`;
+  const ends = summary.interval ? `${interval(summary.interval)} among configurations like these` : "";
+  const of = (n, all) => (n === all ? `all ${count(n)}` : `${count(n)} of ${count(all)}`);
+  const configurations = of(summary.configurations, summary.all_configurations);
+  const size = `${of(summary.runs, summary.all_runs)} runs, ${configurations} configurations`;
   const chips = told.conditions.map((each) => {
     const click = () => choose(each.column, null);
     return element(
@@ -118,13 +120,7 @@ function showSummary() {
     const to = address("/api/table", { c, f: state.f || null, format });
     return element("a", { class: "button", href: to, download: "" }, format === "csv" ? "CSV" : "Parquet");
   });
-  const line = element(
-    "p",
-    { class: "headline" },
-    element("b", { title }, rate),
-    ...parts,
-    element("span", { class: "muted" }, size),
-  );
+  const line = element("p", { class: "headline" }, element("b", {}, rate), muted(ends), ...parts, muted(size));
   const tools = element("div", { class: "tools" }, ...chips, ...(chips.length ? [clearButton()] : []), ...files);
   $("summary").replaceChildren(line, tools);
 }

@@ -124,8 +124,11 @@ export async function showParallel(place, { c, name, state, told, ask, select })
 export async function showPython(place, { told }) {
   const copied = element("span", { class: "muted", "aria-live": "polite" });
   const click = async () => {
-    await navigator.clipboard.writeText(told.python);
-    copied.textContent = " copied";
+    const done = await navigator.clipboard.writeText(told.python).then(
+      () => true,
+      () => false,
+    );
+    copied.textContent = done ? " copied" : " The browser does not let this page copy; select the text.";
   };
   place.replaceChildren(element("pre", {}, told.python), element("button", { click }, "Copy"), copied);
 }

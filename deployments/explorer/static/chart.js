@@ -1,5 +1,6 @@
 /** Charts as SVG: points of two columns, lines over time, and parallel coordinates; with brushes. */
 import { drawn, element } from "./dom.js";
+import { onDrag, ordered } from "./drag.js";
 import { number, VERDICTS } from "./selection.js";
 
 const HEIGHT = 320;
@@ -87,6 +88,17 @@ function placeIn(chart, event) {
   ];
 }
 
+/** @returns {number} Index of the nearest of some places, -1 where none is near. */
+export function nearestTo([x, y], n, placeOf, near = NEAR) {
+  let [best, nearest] = [near ** 2, -1];
+  for (let k = 0; k < n; k++) {
+    const place = placeOf(k);
+    const distance = (place[0] - x) ** 2 + (place[1] - y) ** 2;
+    if (distance < best) [best, nearest] = [distance, k];
+  }
+  return nearest;
+}
+
 /**
  * Draw points of two columns; a dragged rectangle chooses ranges of both.
  * @param {number} width In pixels.
@@ -111,38 +123,20 @@ export function scatterChart(width, column, other, verdicts, tell, choose) {
   const dots = parts.map((part, k) => drawn("path", { d: part.join(""), class: `dots stroke-${k}` }));
   const band = drawn("rect", { class: "band", width: 0, height: 0 });
   const chart = svgOf(width, `${other.name} over ${column.name}`, ...lines, ...dots, band);
-  let start = null;
-  chart.addEventListener("pointerdown", (event) => {
-    start = placeIn(chart, event);
-    chart.setPointerCapture(event.pointerId);
-  });
-  chart.addEventListener("pointermove", (event) => {
-    const [x, y] = placeIn(chart, event);
-    if (!start) {
-      let [best, nearest] = [NEAR ** 2, -1];
-      at.forEach((each, k) => {
-        const distance = (each[0] - x) ** 2 + (each[1] - y) ** 2;
-        if (distance < best) [best, nearest] = [distance, k];
-      });
-      if (nearest >= 0) tell(nearest);
-      return;
-    }
-    const box = {
-      x: Math.min(x, start[0]),
-      y: Math.min(y, start[1]),
-      width: Math.abs(x - start[0]),
-      height: Math.abs(y - start[1]),
-    };
+  const mark = (from, to) => {
+    const [[x, x2], [y, y2]] = [ordered(from[0], to[0]), ordered(from[1], to[1])];
+    const box = { x, y, width: x2 - x, height: y2 - y };
     for (const [key, value] of Object.entries(box)) band.setAttribute(key, String(value));
-  });
-  chart.addEventListener("pointerup", (event) => {
-    if (!start) return;
-    const [from, to] = [start, placeIn(chart, event)];
-    start = null;
+  };
+  const done = (from, to) => {
     if (Math.abs(from[0] - to[0]) < 4 || Math.abs(from[1] - to[1]) < 4) return;
-    const ends = (a, b) => /** @type {[number, number]} */ ([a, b].sort((first, second) => first - second));
-    choose(ends(scale.fromX(from[0]), scale.fromX(to[0])), ends(scale.fromY(from[1]), scale.fromY(to[1])));
-  });
+    choose(ordered(scale.fromX(from[0]), scale.fromX(to[0])), ordered(scale.fromY(from[1]), scale.fromY(to[1])));
+  };
+  const hovered = (event) => {
+    const nearest = nearestTo(placeIn(chart, event), at.length, (k) => at[k]);
+    if (nearest >= 0) tell(nearest);
+  };
+  onDrag(chart, (event) => placeIn(chart, event), mark, done, hovered);
   return chart;
 }
 
@@ -176,18 +170,9 @@ export function lineChart(width, xName, yName, x, y, starts, verdicts, tell) {
   const shown = order.map((k) => drawn("path", { d: parts[k].join(""), class: `line stroke-${k}` }));
   const chart = svgOf(width, `${yName} over ${xName}`, ...lines, ...shown);
   chart.addEventListener("pointermove", (event) => {
-    const [px, py] = placeIn(chart, event);
-    let [best, nearest] = [NEAR ** 2, -1];
-    for (let k = 0; k < x.length; k++) {
-      const distance = (scale.x(x[k]) - px) ** 2 + (scale.y(y[k]) - py) ** 2;
-      if (distance < best) [best, nearest] = [distance, k];
-    }
-    if (nearest >= 0)
-      tell(
-        starts.findLastIndex((start) => start <= nearest),
-        x[nearest],
-        y[nearest],
-      );
+    const nearest = nearestTo(placeIn(chart, event), x.length, (k) => [scale.x(x[k]), scale.y(y[k])]);
+    const run = starts.findLastIndex((start) => start <= nearest);
+    if (nearest >= 0) tell(run, x[nearest], y[nearest]);
   });
   return chart;
 }
@@ -201,8 +186,8 @@ export function lineChart(width, xName, yName, x, y, starts, verdicts, tell) {
  * @returns {SVGElement}
  */
 export function parallelChart(width, columns, verdicts, choose) {
-  const [top, bottom] = [84, HEIGHT - 26];
-  const x = (k) => 40 + (k * (width - 80)) / Math.max(columns.length - 1, 1);
+  const [top, bottom] = [72, HEIGHT - 26];
+  const x = (k) => 30 + (k * (width - 130)) / Math.max(columns.length - 1, 1);
   const ranges = columns.map(({ values }) => rangeOf(values));
   const y = (k, value) => bottom - ((value - ranges[k][0]) / (ranges[k][1] - ranges[k][0])) * (bottom - top);
   const parts = [[], [], []];
@@ -228,24 +213,14 @@ export function parallelChart(width, columns, verdicts, choose) {
     ].map(([at, text]) => drawn("text", { x: x(k) + 4, y: at, class: "small" }, shortened(text ?? "", 7)));
     const band = drawn("rect", { class: "band", x: x(k) - 6, width: 12, y: top, height: 0 });
     const handle = drawn("rect", { class: "handle", x: x(k) - 9, width: 18, y: top, height: bottom - top });
-    let start = null;
-    const at = (event) => Math.min(Math.max(placeIn(handle.ownerSVGElement, event)[1], top), bottom);
-    handle.addEventListener("pointerdown", (event) => {
-      start = at(event);
-      handle.setPointerCapture(event.pointerId);
-    });
-    handle.addEventListener("pointermove", (event) => {
-      if (start === null) return;
-      band.setAttribute("y", String(Math.min(start, at(event))));
-      band.setAttribute("height", String(Math.abs(start - at(event))));
-    });
-    handle.addEventListener("pointerup", (event) => {
-      if (start === null) return;
-      const places = [start, at(event)].sort((a, b) => b - a);
-      start = null;
-      if (places[0] - places[1] < 3) return;
-      const value = (place) => low + ((bottom - place) / (bottom - top)) * (high - low);
-      choose(k, [value(places[0]), value(places[1])]);
+    const at = (event) => [Math.min(Math.max(placeIn(handle.ownerSVGElement, event)[1], top), bottom)];
+    const mark = ([from], [to]) => {
+      band.setAttribute("y", String(Math.min(from, to)));
+      band.setAttribute("height", String(Math.abs(from - to)));
+    };
+    const value = (place) => low + ((bottom - place) / (bottom - top)) * (high - low);
+    onDrag(handle, at, mark, ([from], [to]) => {
+      if (Math.abs(from - to) > 3) choose(k, ordered(value(from), value(to)));
     });
     const line = drawn("line", { x1: x(k), x2: x(k), y1: top, y2: bottom, class: "axis" });
     return drawn("g", {}, line, label, ...ends, band, handle);

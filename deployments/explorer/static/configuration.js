@@ -109,12 +109,20 @@ const showMap = (found) =>
     $("map").replaceChildren(element("h2", {}, "Map"));
     const map = new MapView($("map"), `${name}-map`, runAddress);
     const contacts = found.events.filter(({ kind }) => kind === "contact");
-    map.marks = contacts.map((event) => ({ x: event.x_m, y: event.y_m, color: "--ink" }));
+    const { start, goals, obstacles } = found.around;
+    const marks = (shape, places) => places.map(([x, y]) => ({ shape, x, y }));
+    const met = contacts.map((event) => [event.x_m, event.y_m]);
+    map.marks = [...marks("ring", start ? [start] : []), ...marks("diamond", goals), ...marks("cross", met)];
+    map.outlines = obstacles;
     $("map").append(
       verdictKey(),
-      element("p", { class: "muted" }, `${count(header.runs)} recorded runs; ${count(contacts.length)} contacts (✕).`),
+      element(
+        "p",
+        { class: "muted" },
+        `${count(header.runs)} recorded runs from start (○) to goal (◇); ${count(contacts.length)} contacts (✕); ${count(obstacles.length)} obstacles.`,
+      ),
     );
-    map.extent = extentOf(content.arrays[0], header.floor.extent);
+    map.extent = extentOf([...content.arrays[0], ...(start ?? []), ...goals.flat()], header.floor.extent);
     await map.show(content, address("/api/map.png", { c, environment: header.environment }));
   });
 

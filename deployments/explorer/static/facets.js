@@ -1,6 +1,7 @@
 /** The side bar: values with rates, histograms with a brush, and a search of names. */
 import { drawn, element } from "./dom.js";
-import { count, interval, number, percent, VERDICTS } from "./selection.js";
+import { onDrag, ordered } from "./drag.js";
+import { breakable, count, interval, number, percent, VERDICTS } from "./selection.js";
 
 /** What a run without a value is called. */
 const MISSING = { verdict: "not judged", run: "none", metric: "not measured", factor: "not given", path: "not known" };
@@ -74,7 +75,12 @@ function heading(facet, condition, choose) {
     { "data-key": `clear ${facet.name}`, click: () => choose(facet.name, null) },
     "clear",
   );
-  return element("div", { class: "heading" }, element("h3", {}, facet.name), ...(condition ? [clear] : []));
+  return element(
+    "div",
+    { class: "heading" },
+    element("h3", {}, ...breakable(facet.name)),
+    ...(condition ? [clear] : []),
+  );
 }
 
 function values(facet, condition, choose) {
@@ -155,13 +161,22 @@ function histogram(facet, condition, choose) {
     ...bars,
     band,
   );
-  brush(picture, band, (a, b) => {
-    const ends = [a, b].map((share) => low + share * (high - low));
-    if (b - a < 0.005) {
-      const k = Math.min(Math.floor(a * counts.length), counts.length - 1);
-      ends.splice(0, 2, low + (k / counts.length) * (high - low), low + ((k + 1) / counts.length) * (high - low));
+  const shareOf = (event) => {
+    const box = picture.getBoundingClientRect();
+    return [Math.min(Math.max((event.clientX - box.left) / box.width, 0), 1)];
+  };
+  const mark = ([start], [end]) => {
+    band.setAttribute("x", String(WIDTH * Math.min(start, end)));
+    band.setAttribute("width", String(WIDTH * Math.abs(end - start)));
+  };
+  onDrag(picture, shareOf, mark, ([start], [end]) => {
+    let shares = ordered(start, end);
+    if (shares[1] - shares[0] < 0.005) {
+      const k = Math.min(Math.floor(start * counts.length), counts.length - 1);
+      shares = [k / counts.length, (k + 1) / counts.length]; // a click takes a bar
     }
-    choose(facet.name, { column: facet.name, low: rounded(ends[0], high - low), high: rounded(ends[1], high - low) });
+    const [first, last] = shares.map((share) => rounded(low + share * (high - low), high - low));
+    choose(facet.name, { column: facet.name, low: first, high: last });
   });
   const inputs = ["low", "high"].map((end) => {
     const input = element("input", {
@@ -199,35 +214,4 @@ function histogram(facet, condition, choose) {
 function rounded(value, range) {
   const step = 10 ** Math.floor(Math.log10(range) - 3);
   return Number((Math.round(value / step) * step).toPrecision(12));
-}
-
-/**
- * Let a pointer choose a part of a picture's width; `done` gets its ends as shares.
- * @param {SVGElement} picture
- * @param {SVGElement} band
- * @param {(from: number, to: number) => void} done
- */
-function brush(picture, band, done) {
-  let start = null;
-  const share = (event) => {
-    const box = picture.getBoundingClientRect();
-    return Math.min(Math.max((event.clientX - box.left) / box.width, 0), 1);
-  };
-  picture.addEventListener("pointerdown", (event) => {
-    start = share(event);
-    picture.setPointerCapture(event.pointerId);
-  });
-  picture.addEventListener("pointermove", (event) => {
-    if (start === null) return;
-    const [from, to] = [start, share(event)].sort((a, b) => a - b);
-    band.setAttribute("x", String(from * WIDTH));
-    band.setAttribute("width", String((to - from) * WIDTH));
-  });
-  picture.addEventListener("pointerup", (event) => {
-    if (start === null) return;
-    const [from, to] = [start, share(event)].sort((a, b) => a - b);
-    start = null;
-    done(from, to);
-  });
-  picture.addEventListener("pointercancel", () => (start = null));
 }

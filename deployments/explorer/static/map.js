@@ -1,9 +1,17 @@
 /** The map: trajectories, final poses, or rates of cells on a floor that is moved by pointer or keys. */
 import { coloredCells } from "./cells.js";
+import { nearestTo } from "./chart.js";
 import { drawn, element } from "./dom.js";
+import { onDrag } from "./drag.js";
 import { saveButtons } from "./save.js";
 import { count, percent, VERDICTS } from "./selection.js";
 
+/** Signs of places, as paths from their middle. */
+const MARKS = {
+  cross: "m-5 -5l10 10m0 -10l-10 10",
+  ring: "m-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0",
+  diamond: "m0 -6l6 6l-6 6l-6 -6z",
+};
 const NEAR_PX = 8;
 const STEP_PX = 40;
 
@@ -27,7 +35,8 @@ export class MapView {
     place.append(this.canvas, element("div", { class: "tools" }, ...zoom, ...saved), this.legend, this.told);
     this.content = null;
     this.view = null;
-    this.marks = [];
+    /** Places with signs of `MARKS`, and corners of obstacles, in meters. */
+    [this.marks, this.outlines] = [[], []];
     /** Least and greatest x and y that are shown at first; null for the whole map. */
     this.extent = null;
     this.listen();
@@ -37,16 +46,19 @@ export class MapView {
 
   listen() {
     let last = null;
-    this.canvas.addEventListener("pointerdown", (event) => {
-      last = [event.clientX, event.clientY];
-      this.canvas.setPointerCapture(event.pointerId);
-    });
-    this.canvas.addEventListener("pointermove", (event) => {
-      if (!last) return this.tell(event);
-      this.pan(event.clientX - last[0], event.clientY - last[1]);
-      last = [event.clientX, event.clientY];
-    });
-    for (const end of ["pointerup", "pointercancel"]) this.canvas.addEventListener(end, () => (last = null));
+    const pan = (from, to) => {
+      const before = last ?? from;
+      this.pan(to[0] - before[0], to[1] - before[1]);
+      last = to;
+    };
+    const placeOf = (event) => [event.clientX, event.clientY];
+    onDrag(
+      this.canvas,
+      placeOf,
+      pan,
+      () => (last = null),
+      (event) => this.tell(event),
+    );
     this.canvas.addEventListener("click", (event) => this.tell(event));
     this.canvas.addEventListener(
       "wheel",
@@ -172,11 +184,19 @@ export class MapView {
       }
       context.globalAlpha = 1;
     }
+    for (const points of this.outlines) {
+      const corners = points.map(([px, py]) => `${x + scale * px} ${y - scale * py}`);
+      const shape = new Path2D(`M${corners.join("L")}Z`);
+      context.fillStyle = context.strokeStyle = colors.getPropertyValue("--obstacle");
+      context.globalAlpha = 0.35;
+      context.fill(shape);
+      context.globalAlpha = 1;
+      context.stroke(shape);
+    }
     for (const mark of this.marks) {
-      context.strokeStyle = colors.getPropertyValue(mark.color);
+      context.strokeStyle = colors.getPropertyValue("--ink");
       context.lineWidth = 2;
-      const [px, py] = [x + scale * mark.x, y - scale * mark.y];
-      context.stroke(new Path2D(`M${px - 5} ${py - 5}l10 10m0 -10l-10 10`));
+      context.stroke(new Path2D(`M${x + scale * mark.x} ${y - scale * mark.y}${MARKS[mark.shape]}`));
     }
   }
 
@@ -216,11 +236,13 @@ export class MapView {
       return;
     }
     if (header.form !== "runs") return;
-    let [best, at] = [(NEAR_PX / this.view.scale) ** 2, -1];
-    for (let k = 0; k < arrays[0].length / 2; k++) {
-      const distance = (arrays[0][2 * k] - world[0]) ** 2 + (arrays[0][2 * k + 1] - world[1]) ** 2;
-      if (distance < best) [best, at] = [distance, k];
-    }
+    const points = arrays[0];
+    const at = nearestTo(
+      world,
+      points.length / 2,
+      (k) => [points[2 * k], points[2 * k + 1]],
+      NEAR_PX / this.view.scale,
+    );
     if (at < 0) return;
     const run = header.layer === "ends" ? at : arrays[1].findLastIndex((start) => start <= at);
     const [names, indices, verdicts] = arrays.slice(-3);
@@ -238,10 +260,10 @@ export class MapView {
     const context = back.getContext("2d");
     context.scale(2, 2);
     const { header } = this.content;
-    const [form, marks] = [header.form, this.marks];
-    if (form === "runs") [header.form, this.marks] = ["", []]; // lines stay lines
+    const { form } = header;
+    if (form === "runs") header.form = ""; // lines stay lines
     this.paint(context);
-    [header.form, this.marks] = [form, marks];
+    header.form = form;
     const picture = drawn("image", { href: back.toDataURL(), width, height });
     const lines = form === "runs" ? this.lines() : [];
     const colors = getComputedStyle(this.canvas);

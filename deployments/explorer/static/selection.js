@@ -55,6 +55,13 @@ export function number(value) {
   return String(Number(value.toPrecision(4)));
 }
 
+/**
+ * A name that may be broken after each underscore and dot.
+ * @param {string} name
+ * @returns {(string | Node)[]}
+ */
+export const breakable = (name) => name.split(/(?<=[_.])/).flatMap((part) => [part, document.createElement("wbr")]);
+
 /** @param {number} value @returns {string} */
 export const count = (value) => value.toLocaleString("en-US");
 

@@ -1,6 +1,6 @@
 /** A table of configurations whose pages the server sorts; arrow keys move in it. */
 import { address, drawn, element } from "./dom.js";
-import { count, interval, number, percent } from "./selection.js";
+import { breakable, count, interval, number, percent } from "./selection.js";
 
 const FIXED = [
   ["configuration", "Configuration"],
@@ -25,7 +25,7 @@ export function showTable(place, found, { c, sort, descending, size }, turn) {
     const sorted = name === sort ? (descending ? "descending" : "ascending") : "none";
     const text = k >= FIXED.length && found.columns[k - FIXED.length].text;
     const click = () => turn({ sort: name, descending: name === sort ? !descending : false, start: 0 });
-    const button = element("button", { click, tabindex: -1 }, title);
+    const button = element("button", { click, tabindex: -1 }, ...breakable(title));
     return element("th", { scope: "col", "aria-sort": sorted, class: k === 0 || text ? "" : "n" }, button);
   });
   const rows = found.rows.map((row) => {

@@ -2,14 +2,19 @@
 
 import io
 import json
+import shutil
+from datetime import datetime
 
 import numpy as np
 import pandas as pd
 import pytest
 from table import each_row
 
+from vastflow.deployments.explorer.directories import Directories
 from vastflow.oracles.evidence.wide import WIDE_FILE, wide_table, write_wide
+from vastflow.oracles.results.events import EVENTS, Event
 from vastflow.oracles.results.tables import read_tables
+from vastflow.oracles.results.unfinished import WRITER, writer
 
 FAMILIES = {"easy": [0, 0, 1], "hard": [4, 2]}
 
@@ -126,6 +131,8 @@ def test_configuration_has_runs_events_and_neighbor(client, campaign):
     assert found["runs"][0]["reason"] == "stuck"
     assert found["neighbor"]["name"] == "easy-2"
     assert "noise" not in [each["name"] for each in found["neighbor"]["differences"]]
+    assert found["around"]["start"] == [1.0, 2.0]
+    assert len(found["around"]["goals"]) == 1
     header, arrays = arrays_of(client.get("/api/configuration/paths", params=query).content)
     assert header["runs"] == 4
     assert arrays[-1].tolist() == [1, 1, 0, 0]
@@ -194,6 +201,26 @@ def test_damaged_map_is_said_in_place_of_the_map(client, campaign):
     header, _ = read_whole(client, "/api/paths", c=c, environment=environment)
     assert header["problem"]
     assert header["form"] == "nothing"
+
+
+def test_running_campaign_is_sent_to_its_progress(client, results):
+    place = results / ".office-2026-11-21-060000.running"
+    place.mkdir()
+    (place / WRITER).write_text(json.dumps(writer()))
+    (place / EVENTS).write_bytes(Event(datetime.now().astimezone(), "began", {"name": "office"}).line)
+    (running,) = Directories([results]).all()
+    page = client.get("/campaign", params={"c": running.id})
+    assert page.status_code == 409
+    assert "it is still running" in page.text
+    assert f"/live?c={running.id}" in page.text
+
+
+def test_campaign_that_was_removed_is_one_sentence(client, campaign):
+    c, directory = campaign
+    assert client.get("/api/summary", params={"c": c}).status_code == 200
+    shutil.rmtree(directory)
+    assert client.get("/campaign", params={"c": c}).status_code == 404
+    assert "No campaign directory" in client.get("/api/rows", params={"c": c}).json()["error"]
 
 
 def test_names_are_text_on_every_page(client, add_campaign, id_of):

@@ -170,6 +170,7 @@ def test_table_and_map_are_used_by_keyboard(page):
 
 
 def test_charts_select_runs_and_are_saved(page):
+    until_painted(page)
     page.value("window.saved = []; const make = URL.createObjectURL;"
                "URL.createObjectURL = (blob) => { window.saved.push(blob.type); return make(blob); };")  # fmt: skip
     for name in ("scatter", "parallel", "python"):
@@ -183,10 +184,12 @@ def test_charts_select_runs_and_are_saved(page):
         )
     until(page, "window.saved.filter(type => type === 'image/png').length === 3")
     assert page.value("window.saved.filter(type => type === 'image/svg+xml').length") >= 3
-    drag(page, "document.querySelector('#scatter svg.chart')", (0.2, 0.1), (0.95, 0.8))
-    until(page, "document.querySelectorAll('.chip').length === 2")
     drag(page, "document.querySelector('#parallel .handle')", (0.5, 0.02), (0.5, 0.98))
-    until(page, "document.querySelectorAll('.chip').length >= 2")
+    until(page, f"{SHOWN} === '2'")
+    assert [chip.split(":")[0] for chip in chips(page)] == ["noise"]
+    drag(page, "document.querySelector('#scatter svg.chart')", (0.2, 0.1), (0.95, 0.8))
+    until(page, f"{SHOWN} === '3'")
+    assert [chip.split(":")[0] for chip in chips(page)] == ["noise", "success.distance (m)"]
 
 
 @pytest.mark.parametrize("dark", [False, True])

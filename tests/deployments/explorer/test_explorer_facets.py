@@ -51,7 +51,8 @@ def runs_of():
 
 @pytest.fixture(scope="module")
 def table():
-    return run_table_of(pa.Table.from_pandas(runs_of(), preserve_index=False))
+    found = pa.Table.from_pandas(runs_of(), preserve_index=False)
+    return run_table_of(found.column_names, found.column)
 
 
 @pytest.fixture(scope="module")
@@ -221,7 +222,7 @@ def test_lines_are_those_of_selected_runs(table, walked):
         assert indices[k] == table.run_index[row]
 
 
-def test_many_lines_become_a_density(table, walked, monkeypatch):
+def test_paths_become_a_density_when_there_are_many(table, walked, monkeypatch):
     monkeypatch.setattr("vastflow.deployments.explorer.trajectories.MOST_PATHS", 10)
     paths, grid, _ = walked
     header, (visits, failed) = layer(paths, table, np.ones(len(table), dtype=bool), grid, "paths")
