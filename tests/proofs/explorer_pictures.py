@@ -30,7 +30,7 @@ from chromium import chromium, opened
 WIDTH, HEIGHT = 1400, 900
 COLORS: Final = 128
 FILM_WIDTH: Final = 900
-FILM: Final = range(0, 30)
+FILM: Final = range(30)
 """Seconds of the filmed run, a picture each."""
 
 
