@@ -1,4 +1,4 @@
-"""Pictures of the explorer for the docs, by Chromium, of a directory of the quickstart and another one of the same name.
+"""Make the docs' pictures of the explorer, from two campaign directories of the quickstart.
 
     python tests/proofs/explorer_pictures.py BASELINE CANDIDATE CONFIGURATION RUN [--to docs/images]
 
