@@ -154,7 +154,7 @@ def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
         "floor": found.floor.json() if found.floor else None,
     }
     if not found.parts or found.floor is None:
-        return arrays_reply({**header, "form": "nothing"}, [])
+        return arrays_reply({**header, "form": "nothing"}, {})
     told, arrays = trajectories.layer(found.parts[0], campaign.table, mask, found.floor.grid, shown)
     return arrays_reply({**header, **told}, arrays)
 

@@ -190,12 +190,12 @@ def paths(request: Request, campaign: Campaign, k: int) -> Response:
     """Return the configuration's paths, as `vastflow.deployments.explorer.campaign_page.paths` does."""
     environment = str(campaign.trajectories.environments[k])
     if not environment:
-        return arrays_reply({"form": "nothing", "floor": None, "problem": "This scenario has no map."}, [])
+        return arrays_reply({"form": "nothing", "floor": None, "problem": "This scenario has no map."}, {})
     floor = floor_of(campaign.directory.path, environment)
     found = read_paths(campaign.directory.path, campaign.table, k, floor.grid)
     header = {"floor": floor.json(), "environment": environment, "problem": ""}
     if found is None:
-        return arrays_reply({**header, "form": "nothing", "problem": "No run of it was recorded."}, [])
+        return arrays_reply({**header, "form": "nothing", "problem": "No run of it was recorded."}, {})
     told, arrays = layer(found, campaign.table, np.ones(len(campaign.table), dtype=np.bool_), floor.grid, "paths")
     return arrays_reply({**header, **told}, arrays)
 
@@ -203,7 +203,7 @@ def paths(request: Request, campaign: Campaign, k: int) -> Response:
 def signals(request: Request, campaign: Campaign, k: int) -> Response:
     """Return a signal of each recorded run over time, or over the distance driven.
 
-    The arrays are float32 x (N,) and y (N,), NaN where the signal is missing, int32 starts (K + 1,), int32 run index and uint8 verdict (K,).
+    The arrays are `x` and `y` (N,), NaN where the signal is missing, `starts` (K + 1,), and `run` and `verdict` (K,).
     """
     name, over = name_of(request, "signal"), request.query_params.get("over", TIME)
     if over not in (TIME, DISTANCE):
@@ -223,9 +223,14 @@ def signals(request: Request, campaign: Campaign, k: int) -> Response:
         verdicts.append(int(table.verdict[at[run]]))
         starts.append(starts[-1] + len(keep))
     empty = np.zeros(0)
-    arrays = [np.concatenate(each or [empty]).astype(np.float32) for each in (x, y)]
-    ints: Sequence[NDArray[Any]] = [np.array(starts, np.int32), np.array(runs, np.int32), np.array(verdicts, np.uint8)]
-    return arrays_reply({"signal": name, "over": over}, [*arrays, *ints])
+    arrays: dict[str, NDArray[Any]] = {
+        "x": np.concatenate(x or [empty]).astype(np.float32),
+        "y": np.concatenate(y or [empty]).astype(np.float32),
+        "starts": np.array(starts, np.int32),
+        "run": np.array(runs, np.int32),
+        "verdict": np.array(verdicts, np.uint8),
+    }
+    return arrays_reply({"signal": name, "over": over}, arrays)
 
 
 def _driven_m(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:

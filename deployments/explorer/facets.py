@@ -281,11 +281,12 @@ def _value(values: NDArray[np.float64], texts: tuple[str, ...] | None, at: int) 
     return float(f"{value:.{_DIGITS}g}") if texts is None else texts[int(value)]
 
 
-def points(table: RunTable, mask: Bools, names: Sequence[str], most: int) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """Return at most `most` selected runs, evenly chosen, in columns: a description, and arrays to follow it.
+def points(
+    table: RunTable, mask: Bools, names: Sequence[str], most: int
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return at most `most` selected runs, evenly chosen, in columns: a description and arrays.
 
-    The arrays are float32 (n,) of each column, texts as indices into `levels`, NaN where missing; then uint8 verdicts, and int32 index
-    of the configuration and of the run.
+    The arrays are `column0` … (n,), texts as indices into `levels`, NaN where missing; and `configuration`, `run`, and `verdict` (n,).
 
     Raises:
         BadFilter: a column that there is not.
@@ -295,26 +296,29 @@ def points(table: RunTable, mask: Bools, names: Sequence[str], most: int) -> tup
     total = len(runs)
     if total > most:
         runs = runs[np.linspace(0, total - 1, most).astype(np.int64)]
-    shown, arrays = [], []
-    for column in columns:
-        values = column.values[runs].astype(np.float32)
-        levels = None
+    shown: list[dict[str, Any]] = []
+    arrays: dict[str, NDArray[Any]] = {}
+    for k, column in enumerate(columns):
+        values, levels = column.values[runs], None
         if column.levels is not None:
-            used = np.unique(column.values[runs])
-            used = used[used >= 0]
-            levels = [column.levels[k] for k in used.tolist()]
-            values = np.where(values < 0, np.nan, np.searchsorted(used, column.values[runs])).astype(np.float32)
+            used = np.unique(values[values >= 0])
+            levels = [column.levels[each] for each in used.tolist()]
+            values = np.where(values < 0, np.nan, np.searchsorted(used, values))
         shown.append({"name": column.name, "unit": column.unit, "levels": levels})
-        arrays.append(values)
+        arrays[f"column{k}"] = values.astype(np.float32)
+    configurations, own = run_arrays(table, runs)
+    return {"columns": shown, "total": total, "shown": len(runs), "configurations": configurations}, {**arrays, **own}
+
+
+def run_arrays(table: RunTable, runs: NDArray[np.int64]) -> tuple[list[str], dict[str, NDArray[Any]]]:
+    """Return names of configurations, and of each run (n,) the index of its name, its run index, and its verdict."""
     of, place = np.unique(table.configuration[runs], return_inverse=True)
-    header = {
-        "columns": shown,
-        "total": total,
-        "shown": len(runs),
-        "configurations": [table.configurations[k] for k in of.tolist()],
+    arrays: dict[str, NDArray[Any]] = {
+        "configuration": place.astype(np.int32),
+        "run": table.run_index[runs].astype(np.int32),
+        "verdict": table.verdict[runs].astype(np.uint8),
     }
-    own: list[NDArray[Any]] = [place.astype(np.int32), table.run_index[runs].astype(np.int32)]
-    return header, [*arrays, *own, table.verdict[runs].astype(np.uint8)]
+    return [table.configurations[k] for k in of.tolist()], arrays
 
 
 def varying_of(table: RunTable, mask: Bools, names: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -1,16 +1,16 @@
-"""Replies of the explorer's views: JSON without NaN, arrays after a line of JSON, and their ETags."""
+"""Replies of the explorer's views: JSON without NaN, arrays, and their ETags."""
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-import numpy as np
 from numpy.typing import NDArray
 from starlette.requests import Request
 from starlette.responses import Response
 
 from vastflow.deployments.explorer.opened import Campaign
+from vastflow.deployments.explorer.packed import packed
 from vastflow.sim.model.faults import UserError
 
 ARRAYS: Final = "application/octet-stream"
@@ -44,13 +44,9 @@ def json_reply(value: Any) -> Response:
     return Response(json.dumps(value, allow_nan=False, ensure_ascii=False), media_type="application/json")
 
 
-def arrays_reply(header: Mapping[str, Any], arrays: Sequence[NDArray[Any]]) -> Response:
-    """Return a line of JSON and the bytes of arrays, whose types and lengths the line has as `arrays`."""
-    told = [{"type": str(each.dtype), "length": int(each.size)} for each in arrays]
-    line = json.dumps({**header, "arrays": told}, allow_nan=False).encode()
-    return Response(
-        b"\n".join([line, b"".join(np.ascontiguousarray(each).tobytes() for each in arrays)]), media_type=ARRAYS
-    )
+def arrays_reply(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Response:
+    """Return arrays by name, see `vastflow.deployments.explorer.packed`."""
+    return Response(packed(header, arrays), media_type=ARRAYS)
 
 
 def unless_known(request: Request, campaign: Campaign, made: Callable[[], Response]) -> Response:

@@ -11,6 +11,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.deployments.explorer.facets import run_arrays
 from vastflow.deployments.explorer.selection import Bools, RunTable
 from vastflow.oracles.results.tables import FAIL, NOT_JUDGED
 from vastflow.oracles.statistics.failure_map import LAST_M, MINIMUM_VISITS, FailureGrid, grid_over
@@ -246,30 +247,26 @@ _GOLDEN: Final = 0.6180339887498949
 
 def layer(
     paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: Layer
-) -> tuple[Mapping[str, Any], list[NDArray[Any]]]:
-    """Return a layer of the map: a description, and arrays to follow it.
+) -> tuple[Mapping[str, Any], Mapping[str, NDArray[Any]]]:
+    """Return a layer of the map: a description and arrays.
 
-    `paths` of few runs are lines: float32 xy (N, 2), int32 starts (K + 1,). `ends` of few runs are points: float32 xy (K, 2). Both are
-    followed by int32 index of the configuration and of the run, and uint8 verdict, (K,) each. Else it is a grid: uint32 (H, W) runs and
-    failed runs in each cell. In a grid of `rate` a run failed where its path ends.
+    `paths` of few runs are lines: `xy` (N, 2) and `starts` (K + 1,). `ends` of few runs are points: `xy` (K, 2). Both have `configuration`,
+    `run`, and `verdict` (K,). Else it is a grid: `runs` and `failed` runs in each cell, row by row. In a grid of `rate` a run failed where
+    its path ends.
     """
     chosen = np.flatnonzero(mask[paths.row])
     total = len(chosen)
     header = {"layer": shown, "runs": total, "minimum": MINIMUM_VISITS, "grid": grid_json(grid)}
     if shown == "rate" or total > (MOST_PATHS if shown == "paths" else MOST_ENDS):
         return {**header, "form": "grid"}, _grid(paths, table, mask, grid, shown)
-    lengths = np.diff(paths.starts)[chosen]
+    names, own = run_arrays(table, paths.row[chosen])
+    told = {**header, "form": "runs", "configurations": names}
     if shown == "ends":
-        xy_m = paths.xy_m[paths.starts[chosen + 1] - 1]
-        arrays: list[NDArray[Any]] = [xy_m]
-    else:
-        at = np.repeat(paths.starts[chosen] - np.r_[0, np.cumsum(lengths)[:-1]], lengths) + np.arange(lengths.sum())
-        arrays = [paths.xy_m[at], np.r_[0, np.cumsum(lengths)].astype(np.int32)]
-    of, place = np.unique(table.configuration[paths.row[chosen]], return_inverse=True)
-    names = [table.configurations[k] for k in of.tolist()]
-    own: list[NDArray[Any]] = [place.astype(np.int32), table.run_index[paths.row[chosen]].astype(np.int32)]
-    verdict = table.verdict[paths.row[chosen]].astype(np.uint8)
-    return {**header, "form": "runs", "configurations": names, "points": len(arrays[0])}, [*arrays, *own, verdict]
+        return told, {"xy": paths.xy_m[paths.starts[chosen + 1] - 1], **own}
+    lengths = np.diff(paths.starts)[chosen]
+    starts = np.r_[0, np.cumsum(lengths)]
+    at = np.repeat(paths.starts[chosen] - starts[:-1], lengths) + np.arange(starts[-1])
+    return told, {"xy": paths.xy_m[at], "starts": starts.astype(np.int32), **own}
 
 
 def grid_json(grid: FailureGrid) -> dict[str, Any]:
@@ -277,7 +274,7 @@ def grid_json(grid: FailureGrid) -> dict[str, Any]:
     return {"origin": list(grid.origin_xy_m), "cell": grid.cell_m, "rows": grid.shape[0], "columns": grid.shape[1]}
 
 
-def _grid(paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: Layer) -> list[NDArray[Any]]:
+def _grid(paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: Layer) -> dict[str, NDArray[Any]]:
     verdict, chosen = table.verdict[paths.row], mask[paths.row]
     if shown == "rate":
         chosen = chosen & (verdict != NOT_JUDGED)
@@ -287,6 +284,7 @@ def _grid(paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: 
         here = [at[some & (at >= 0)] for some in (chosen, failed)]
     else:
         lengths = np.diff(paths.cell_starts)
-        fell = np.repeat(failed, lengths)
-        here = [paths.cells[np.repeat(chosen, lengths)], paths.cells[fell & paths.ended if shown == "rate" else fell]]
-    return [np.bincount(each, minlength=cells).astype(np.uint32) for each in here]
+        lost = np.repeat(failed, lengths)
+        here = [paths.cells[np.repeat(chosen, lengths)], paths.cells[lost & paths.ended if shown == "rate" else lost]]
+    came, fell = (np.bincount(each, minlength=cells).astype(np.uint32) for each in here)
+    return {"runs": came, "failed": fell}

@@ -1,10 +1,11 @@
 /** The page of a campaign: one selection, and views of it that follow. */
 import { showParallel, showPython, showScatter } from "./campaign_charts.js";
 import { verdictKey } from "./chart.js";
-import { address, element, fetched, showError } from "./dom.js";
+import { address, element, fetchJson, showError } from "./dom.js";
 import { showFacets } from "./facets.js";
 import { MapView } from "./map.js";
-import { changed, conditionWords, count, filterText, interval, percent, readArrays, VERDICTS } from "./selection.js";
+import { fetchPacked } from "./packed.js";
+import { changed, conditionWords, count, filterText, interval, percent, VERDICTS } from "./selection.js";
 import { showTable } from "./table.js";
 
 const ROWS = 50;
@@ -50,8 +51,8 @@ function remember() {
 }
 
 /** Ask for a view of the selection; a change of the selection gives up what is still asked. */
-const ask = (view, more = {}) =>
-  fetched(address(`/api/${view}`, { c, f: state.f || null, ...more }), { signal: waiting.signal });
+const view = (name, more = {}) => address(`/api/${name}`, { c, f: state.f || null, ...more });
+const ask = (name, more = {}) => fetchJson(view(name, more), { signal: waiting.signal });
 
 /** Run a view; its error takes its place. */
 function shown(place, view) {
@@ -75,9 +76,7 @@ async function refresh() {
   remember();
   try {
     const rows = showRows();
-    const [facets, summary] = await Promise.all(
-      ["facets", "summary"].map((view) => ask(view).then((reply) => reply.json())),
-    );
+    const [facets, summary] = await Promise.all(["facets", "summary"].map((each) => ask(each)));
     told = summary;
     $("error").replaceChildren();
     state.f = told.filter;
@@ -128,9 +127,7 @@ function showSummary() {
 const showRows = () =>
   shown($("table"), async () => {
     const { sort, descending, start } = state;
-    const found = await (
-      await ask("rows", { sort, order: descending ? "descending" : null, start, count: ROWS })
-    ).json();
+    const found = await ask("rows", { sort, order: descending ? "descending" : null, start, count: ROWS });
     showTable($("table"), found, { c, sort, descending, size: ROWS }, (change) => {
       Object.assign(state, change);
       remember();
@@ -186,7 +183,7 @@ const showMap = () =>
     if (!told.maps.some(({ id }) => id === state.map)) state.map = null;
     const environment = state.map ?? told.maps[0].id;
     if (!map) startMap(environment);
-    const content = await readArrays(await ask("paths", { environment, layer: state.layer }));
+    const content = await fetchPacked(view("paths", { environment, layer: state.layer }), { signal: waiting.signal });
     const { header } = content;
     await map.show(content, address("/api/map.png", { c, environment }));
     const note = $("map").querySelector(".note");
@@ -244,8 +241,7 @@ function showDetails(id) {
     remember();
     showDetails(id);
   };
-  const asked = (place) => fetched(place, { signal: waiting.signal });
-  const page = { c, name, state, told, ask: asked, select, again };
+  const page = { c, name, state, told, signal: waiting.signal, select, again };
   return shown(place, () => ({ scatter: showScatter, parallel: showParallel, python: showPython })[id](place, page));
 }
 

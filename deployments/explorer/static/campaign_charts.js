@@ -1,8 +1,9 @@
 /** The parts of a campaign's page that are folded at first: scatter, parallel coordinates, and the program. */
 import { parallelChart, scatterChart, verdictKey, widthIn } from "./chart.js";
 import { address, element } from "./dom.js";
+import { fetchPacked } from "./packed.js";
 import { saveButtons } from "./save.js";
-import { changed, count, readArrays, VERDICTS } from "./selection.js";
+import { changed, count, VERDICTS } from "./selection.js";
 
 /**
  * What charts need of the page.
@@ -11,7 +12,7 @@ import { changed, count, readArrays, VERDICTS } from "./selection.js";
  * @property {string} name Of files that are saved.
  * @property {any} state
  * @property {any} told Reply of /api/summary.
- * @property {(address: string) => Promise<Response>} ask
+ * @property {AbortSignal} signal Of requests, which end when the selection changes.
  * @property {(conditions: import("./selection.js").Condition[]) => void} select
  * @property {() => void} again Shows the chart anew after a change of the state.
  */
@@ -20,7 +21,7 @@ import { changed, count, readArrays, VERDICTS } from "./selection.js";
  * @param {HTMLElement} place
  * @param {Page} page
  */
-export async function showScatter(place, { c, name, state, told, ask, select, again }) {
+export async function showScatter(place, { c, name, state, told, signal, select, again }) {
   const numbers = told.columns.map((each) => each.name);
   state.x = numbers.includes(state.x)
     ? state.x
@@ -43,12 +44,12 @@ export async function showScatter(place, { c, name, state, told, ask, select, ag
     ["column", state.x],
     ["column", state.y],
   ]);
-  const { header, arrays } = await readArrays(await ask(`/api/points?${names}`));
-  const [first, second] = header.columns.map((each, k) => ({ ...each, values: arrays[k] }));
-  const [place1, runs, verdicts] = arrays.slice(2);
+  const { header, arrays } = await fetchPacked(`/api/points?${names}`, { signal });
+  const [first, second] = header.columns.map((each, k) => ({ ...each, values: arrays[`column${k}`] }));
+  const { configuration: names1, run: runs, verdict: verdicts } = arrays;
   const line = element("p", { class: "muted" }, "A point tells its run; a dragged rectangle selects.");
   const tell = (k) => {
-    const configuration = header.configurations[place1[k]];
+    const configuration = header.configurations[names1[k]];
     const link = element(
       "a",
       { href: address("/run", { c, configuration, run: runs[k] }) },
@@ -94,12 +95,12 @@ const sampled = ({ shown: n, total }) =>
  * @param {HTMLElement} place
  * @param {Page} page
  */
-export async function showParallel(place, { c, name, state, told, ask, select }) {
-  const { header, arrays } = await readArrays(await ask(address("/api/points", { c, f: state.f || null })));
+export async function showParallel(place, { c, name, state, told, signal, select }) {
+  const { header, arrays } = await fetchPacked(address("/api/points", { c, f: state.f || null }), { signal });
   if (!header.columns.length)
     return place.replaceChildren(element("p", { class: "muted" }, "No column varies in the selection."));
-  const columns = header.columns.map((each, k) => ({ ...each, values: arrays[k] }));
-  const chart = parallelChart(widthIn(place, columns.length), columns, arrays[arrays.length - 1], (k, ends) => {
+  const columns = header.columns.map((each, k) => ({ ...each, values: arrays[`column${k}`] }));
+  const chart = parallelChart(widthIn(place, columns.length), columns, arrays.verdict, (k, ends) => {
     const condition = rangeOf(columns[k], ends);
     if (condition) select(changed(told.conditions, columns[k].name, condition));
   });

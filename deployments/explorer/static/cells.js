@@ -21,12 +21,12 @@ function rampColor(share) {
 
 /**
  * Color the cells of a grid, and write their legend.
- * @param {{header: any, arrays: any[]}} content
+ * @param {{header: any, arrays: any}} content
  * @param {HTMLElement} legend
  * @returns {HTMLCanvasElement} A pixel for each cell.
  */
 export function coloredCells({ header, arrays }, legend) {
-  const [runs, failed] = arrays;
+  const { runs, failed } = arrays;
   const { rows, columns } = header.grid;
   const shown = document.createElement("canvas");
   [shown.width, shown.height] = [columns, rows];

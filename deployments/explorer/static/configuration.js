@@ -1,9 +1,10 @@
 /** The page of a configuration: its runs over each other, their signals and events, and its nearest neighbor. */
 import { lineChart, rangeOf, verdictKey, widthIn } from "./chart.js";
-import { address, element, fetched, fetchJson, showError } from "./dom.js";
+import { address, element, fetchJson, showError } from "./dom.js";
 import { MapView } from "./map.js";
+import { fetchPacked } from "./packed.js";
 import { saveButtons } from "./save.js";
-import { count, number, percent, readArrays, VERDICTS } from "./selection.js";
+import { count, number, percent, VERDICTS } from "./selection.js";
 
 const query = new URLSearchParams(location.search);
 const [c, name] = [query.get("c"), query.get("name")];
@@ -100,7 +101,7 @@ function extentOf(points, whole) {
 
 const showMap = (found) =>
   shown($("map"), async () => {
-    const content = await readArrays(await fetched(address("/api/configuration/paths", { c, name })));
+    const content = await fetchPacked(address("/api/configuration/paths", { c, name }));
     const { header } = content;
     if (!header.floor || header.form === "nothing") {
       $("map").replaceChildren(element("h2", {}, "Map"), element("p", { class: "muted" }, header.problem));
@@ -122,7 +123,7 @@ const showMap = (found) =>
         `${count(header.runs)} recorded runs from start (○) to goal (◇); ${count(contacts.length)} contacts (✕); ${count(obstacles.length)} obstacles.`,
       ),
     );
-    map.extent = extentOf([...content.arrays[0], ...(start ?? []), ...goals.flat()], header.floor.extent);
+    map.extent = extentOf([...content.arrays.xy, ...(start ?? []), ...goals.flat()], header.floor.extent);
     await map.show(content, address("/api/map.png", { c, environment: header.environment }));
   });
 
@@ -135,8 +136,8 @@ const showSignals = (found) =>
     }
     if (!found.signals.includes(state.signal)) state.signal = found.signals[0];
     const place = address("/api/configuration/signals", { c, name, signal: state.signal, over: state.over });
-    const { arrays } = await readArrays(await fetched(place));
-    const [x, y, starts, runs, verdicts] = arrays;
+    const { arrays } = await fetchPacked(place);
+    const { x, y, starts, run: runs, verdict: verdicts } = arrays;
     const line = element("p", { class: "muted" }, "A line tells its run.");
     const chart = lineChart(
       widthIn($("signals")) - 24,

@@ -88,7 +88,7 @@ export class MapView {
 
   /**
    * Show a reply of /api/paths over the picture of its floor.
-   * @param {{header: any, arrays: any[]}} content
+   * @param {{header: any, arrays: any}} content
    * @param {string} pictureAddress
    */
   async show(content, pictureAddress) {
@@ -203,19 +203,18 @@ export class MapView {
   /** @returns {string[]} Paths of the runs of each verdict in canvas pixels. */
   lines() {
     const { header, arrays } = this.content;
+    const { xy, starts, verdict } = arrays;
     const { scale, x, y } = this.view;
     const parts = [[], [], []];
-    const verdicts = arrays[arrays.length - 1];
-    const place = (k) =>
-      `${(x + scale * arrays[0][2 * k]).toFixed(1)} ${(y - scale * arrays[0][2 * k + 1]).toFixed(1)}`;
-    for (let run = 0; run < verdicts.length; run++) {
+    const place = (k) => `${(x + scale * xy[2 * k]).toFixed(1)} ${(y - scale * xy[2 * k + 1]).toFixed(1)}`;
+    for (let run = 0; run < verdict.length; run++) {
       if (header.layer === "ends") {
-        parts[verdicts[run]].push(`M${place(run)}h0`);
+        parts[verdict[run]].push(`M${place(run)}h0`);
         continue;
       }
       const text = [];
-      for (let k = arrays[1][run]; k < arrays[1][run + 1]; k++) text.push(place(k));
-      parts[verdicts[run]].push(`M${text.join("L")}`);
+      for (let k = starts[run]; k < starts[run + 1]; k++) text.push(place(k));
+      parts[verdict[run]].push(`M${text.join("L")}`);
     }
     return parts.map((part) => part.join(""));
   }
@@ -230,13 +229,13 @@ export class MapView {
       const [column, row] = [Math.floor((world[0] - origin[0]) / cell), Math.floor((world[1] - origin[1]) / cell)];
       const inside = column >= 0 && column < columns && row >= 0 && row < rows;
       const k = row * columns + column;
-      if (!inside || !arrays[0][k]) return this.told.replaceChildren();
-      const share = percent(arrays[1][k] / arrays[0][k]);
-      this.told.textContent = `x ${world[0].toFixed(2)} m, y ${world[1].toFixed(2)} m: ${count(arrays[1][k])} of ${count(arrays[0][k])} runs failed (${share})`;
+      if (!inside || !arrays.runs[k]) return this.told.replaceChildren();
+      const share = percent(arrays.failed[k] / arrays.runs[k]);
+      this.told.textContent = `x ${world[0].toFixed(2)} m, y ${world[1].toFixed(2)} m: ${count(arrays.failed[k])} of ${count(arrays.runs[k])} runs failed (${share})`;
       return;
     }
     if (header.form !== "runs") return;
-    const points = arrays[0];
+    const points = arrays.xy;
     const at = nearestTo(
       world,
       points.length / 2,
@@ -244,11 +243,11 @@ export class MapView {
       NEAR_PX / this.view.scale,
     );
     if (at < 0) return;
-    const run = header.layer === "ends" ? at : arrays[1].findLastIndex((start) => start <= at);
-    const [names, indices, verdicts] = arrays.slice(-3);
-    const name = header.configurations[names[run]];
-    const link = element("a", { href: this.runAddress(name, indices[run]) }, `${name}, run ${indices[run]}`);
-    this.told.replaceChildren(link, `: ${VERDICTS[verdicts[run]].word}`);
+    const run = header.layer === "ends" ? at : arrays.starts.findLastIndex((start) => start <= at);
+    const name = header.configurations[arrays.configuration[run]];
+    const index = arrays.run[run];
+    const link = element("a", { href: this.runAddress(name, index) }, `${name}, run ${index}`);
+    this.told.replaceChildren(link, `: ${VERDICTS[arrays.verdict[run]].word}`);
   }
 
   /** @returns {SVGElement | null} The map as it is shown. */

@@ -7,10 +7,11 @@ const KINDS = { Uint8Array, Uint16Array, Uint32Array, Int16Array, Int32Array, Fl
 /**
  * Ask the server for a packed reply; its header has the shapes of its arrays.
  * @param {string} place
+ * @param {RequestInit} [options]
  * @returns {Promise<{header: any, arrays: Object<string, any>}>}
  */
-export async function fetchPacked(place) {
-  const buffer = await (await fetched(place)).arrayBuffer();
+export async function fetchPacked(place, options = {}) {
+  const buffer = await (await fetched(place, options)).arrayBuffer();
   const bytes = new Uint8Array(buffer);
   const line = bytes.indexOf(10);
   const header = JSON.parse(new TextDecoder().decode(bytes.subarray(0, line)));

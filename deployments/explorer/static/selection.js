@@ -85,23 +85,3 @@ export const VERDICTS = [
   { name: "fail", word: "failed", color: "--fail" },
   { name: "not judged", word: "not judged", color: "--not-judged" },
 ];
-
-/**
- * Read a reply of arrays: a line of JSON, then the bytes that it tells of.
- * @param {Response} reply
- * @returns {Promise<{header: any, arrays: any[]}>}
- */
-export async function readArrays(reply) {
-  const buffer = await reply.arrayBuffer();
-  const end = new Uint8Array(buffer).indexOf(10);
-  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 0, end)));
-  const kinds = { float32: Float32Array, int32: Int32Array, uint32: Uint32Array, uint8: Uint8Array };
-  let at = end + 1;
-  const arrays = header.arrays.map(({ type, length }) => {
-    const bytes = length * kinds[type].BYTES_PER_ELEMENT;
-    const values = new kinds[type](buffer.slice(at, at + bytes));
-    at += bytes;
-    return values;
-  });
-  return { header, arrays };
-}

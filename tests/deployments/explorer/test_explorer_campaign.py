@@ -28,13 +28,12 @@ def campaign(add_campaign, id_of):
 
 
 def arrays_of(content):
-    """A reply of arrays: its line of JSON, and the arrays."""
+    """A packed reply: its header, and the arrays in their order."""
     line, _, rest = content.partition(b"\n")
-    header, at, found = json.loads(line), 0, []
-    for told in header["arrays"]:
-        found.append(np.frombuffer(rest, told["type"], told["length"], at))
-        at += found[-1].nbytes
-    assert at == len(rest)
+    header = json.loads(line)
+    told = header["arrays"].values()
+    sizes = [int(np.prod(each["shape"])) for each in told]
+    found = [np.frombuffer(rest, each["type"], n, each["offset"]) for each, n in zip(told, sizes, strict=True)]
     return header, found
 
 

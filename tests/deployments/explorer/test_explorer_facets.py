@@ -140,10 +140,10 @@ def test_points_are_sampled_evenly_and_say_so(table):
     assert (header["total"], header["shown"]) == (len(table), 50)
     assert header["columns"][1]["levels"] == ["odd", "even"]
     runs = runs_of()
-    places, indices = arrays[2], arrays[3]
+    places, indices = arrays["configuration"], arrays["run"]
     for k in range(50):
         row = runs[(runs["configuration"] == header["configurations"][places[k]]) & (runs["run_index"] == indices[k])]
-        assert row["noise"].item() == pytest.approx(arrays[0][k])
+        assert row["noise"].item() == pytest.approx(arrays["column0"][k])
 
 
 def test_columns_that_are_constant_in_the_selection_are_parted(table):
@@ -201,19 +201,20 @@ def test_paths_keep_ends_and_a_point_for_each_step(walked):
 def test_rates_of_cells_are_those_of_the_report(table, walked):
     paths, grid, walks = walked
     mask = Selections(table).mask(parse_filter("noise=0.4|0.2"))
-    header, (visits, failures) = layer(paths, table, mask, grid, "rate")
+    header, arrays = layer(paths, table, mask, grid, "rate")
     judged = np.flatnonzero(mask & (table.verdict != 2))
     starts = np.r_[0, np.cumsum([len(walks[k]) for k in judged])]
     expected = failure_map(grid, np.concatenate([walks[k] for k in judged]), starts, table.verdict[judged] == 1)
     assert header["form"] == "grid"
-    assert visits.tolist() == expected.visits.ravel().tolist()
-    assert failures.tolist() == expected.failures.ravel().tolist()
+    assert arrays["runs"].tolist() == expected.visits.ravel().tolist()
+    assert arrays["failed"].tolist() == expected.failures.ravel().tolist()
 
 
 def test_lines_are_those_of_selected_runs(table, walked):
     paths, grid, walks = walked
     mask = Selections(table).mask(parse_filter("passed=fail"))
-    header, (xy_m, starts, places, indices, verdicts) = layer(paths, table, mask, grid, "paths")
+    header, arrays = layer(paths, table, mask, grid, "paths")
+    xy_m, starts, places, indices, verdicts = arrays.values()
     assert header["runs"] == mask.sum() == len(verdicts)
     assert set(verdicts.tolist()) == {1}
     for k, row in enumerate(np.flatnonzero(mask)):
@@ -225,7 +226,7 @@ def test_lines_are_those_of_selected_runs(table, walked):
 def test_paths_become_a_density_when_there_are_many(table, walked, monkeypatch):
     monkeypatch.setattr("vastflow.deployments.explorer.trajectories.MOST_PATHS", 10)
     paths, grid, _ = walked
-    header, (visits, failed) = layer(paths, table, np.ones(len(table), dtype=bool), grid, "paths")
+    header, arrays = layer(paths, table, np.ones(len(table), dtype=bool), grid, "paths")
     assert header["form"] == "grid"
-    assert (failed <= visits).all()
-    assert visits.max() == len(table)  # all begin at one place
+    assert (arrays["failed"] <= arrays["runs"]).all()
+    assert arrays["runs"].max() == len(table)  # all begin at one place
