@@ -16,7 +16,7 @@ from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages
 from vastflow.deployments.explorer.replies import BadRequest, arrays_reply, json_reply, name_of, unless_known
 from vastflow.deployments.explorer.selection import RunTable
-from vastflow.deployments.explorer.trajectories import floor_of, layer, read_paths
+from vastflow.deployments.explorer.trajectories import floor_of, layer, read_paths, stored_file
 from vastflow.oracles.figures.scene import distinct_obstacles
 from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import situation_of
@@ -239,28 +239,29 @@ def _driven_m(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]
 
 
 def _recorded_rows(campaign: Campaign, k: int) -> list[dict[str, Any]]:
-    file = campaign.directory.path / "recordings" / f"{campaign.table.configurations[k]}.parquet"
-    return read_rows(file) if file.is_file() else []
+    file = stored_file(campaign.directory.path, "recordings", campaign.table.configurations[k])
+    return read_rows(file) if file else []
+
+
+def _stored(campaign: Campaign, k: int) -> list[Path]:
+    """Return the files of a configuration's recordings and traces that there are."""
+    name = campaign.table.configurations[k]
+    files = [stored_file(campaign.directory.path, folder, name) for folder in ("recordings", "traces")]
+    return [file for file in files if file]
 
 
 def _signals(campaign: Campaign, k: int) -> list[tuple[int, Mapping[str, NDArray[np.float64]]]]:
     """Return the recorded and derived signals of each run; only the recorded ones where there are no traces."""
     found: dict[int, dict[str, NDArray[np.int32]]] = {}
-    for folder in ("recordings", "traces"):
-        file = campaign.directory.path / folder / f"{campaign.table.configurations[k]}.parquet"
-        if file.is_file():
-            for row, columns in read_block(file):
-                found.setdefault(int(row["run_index"]), {}).update(columns)
+    for file in _stored(campaign, k):
+        for row, columns in read_block(file):
+            found.setdefault(int(row["run_index"]), {}).update(columns)
     return [(run, signals_of(columns)) for run, columns in found.items() if "t_ms" in columns]
 
 
 def _signal_names(campaign: Campaign, k: int) -> list[str]:
     """Return the signals of a configuration, those that tell most first, without reading them."""
-    stored: list[str] = []
-    for folder in ("recordings", "traces"):
-        file = campaign.directory.path / folder / f"{campaign.table.configurations[k]}.parquet"
-        if file.is_file():
-            names = pq.ParquetFile(file).schema_arrow.names[1:]
-            stored += [signal_name(n[:-3] if n.endswith((":d0", ":d1", ":d2")) else n) for n in names]
-    found = [name for name in dict.fromkeys(stored) if name not in _NO_SIGNALS]
+    stored = [name for file in _stored(campaign, k) for name in pq.ParquetFile(file).schema_arrow.names[1:]]
+    names = [signal_name(name[:-3] if name.endswith((":d0", ":d1", ":d2")) else name) for name in stored]
+    found = [name for name in dict.fromkeys(names) if name not in _NO_SIGNALS]
     return sorted(found, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.varied import MEASURED, PATH_PROPERTIES
 from vastflow.oracles.results.schema import floats
-from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS, read_tables
+from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS, read_tables, run_keys
 from vastflow.sim.model.faults import UserError
 
 Group: TypeAlias = Literal["run", "verdict", "metric", "factor", "path"]
@@ -305,20 +305,18 @@ def run_table_of(names: Sequence[str], column: Callable[[str], Any]) -> RunTable
     """Return the columns of a wide table, see `vastflow.oracles.evidence.wide`, each of which `column` gives by its name.
 
     Raises:
-        ValueError: a column that every such table has is missing.
+        ValueError: a column that every such table has is missing, or runs are in disorder.
     """
     if lacking := [name for name in ("configuration", "run_index", PASSED) if name not in names]:
         raise ValueError(f"{WIDE_FILE}: expected a column {lacking[0]!r}, got none")
     oracles = [name.removeprefix(f"{PASSED}.") for name in names if name.startswith(f"{PASSED}.")]
     columns = {name: _column(name, column(name), oracles) for name in names}
     configuration, joint = columns["configuration"], columns[PASSED].values
-    return RunTable(
-        columns,
-        np.where(joint < 0, NOT_JUDGED, np.where(joint == 0, PASS, FAIL)).astype(np.int8),
-        configuration.values.astype(np.int64),
-        configuration.levels or (),
-        columns["run_index"].values.astype(np.int64),
-    )
+    of, run_index = configuration.values.astype(np.int64), columns["run_index"].values
+    if len(of) and (of[0] < 0 or not (np.diff(run_keys(of, run_index.astype(np.int64))) > 0).all()):
+        raise ValueError(f"{WIDE_FILE}: expected the runs of each configuration one after another, got another order")
+    verdict = np.where(joint < 0, NOT_JUDGED, np.where(joint == 0, PASS, FAIL)).astype(np.int8)
+    return RunTable(columns, verdict, of, configuration.levels or (), run_index.astype(np.int64))
 
 
 def _column(name: str, column: Any, oracles: Sequence[str]) -> Column:

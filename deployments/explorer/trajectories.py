@@ -145,9 +145,18 @@ def floor_of(directory: Path, environment: str) -> Floor:
     """
     from vastflow.oracles.figures.scene import known_cells, known_extent_m
 
+    if Path(environment).name != environment:
+        raise ValueError(f"expected the digest of a map, got {environment!r}")
     occupancy = load_map(directory / "environments" / environment / "map.yaml")
     x0, x1, y0, y1 = known_extent_m(occupancy, CELL_M)
     return Floor(occupancy, known_cells(occupancy), grid_over(x0, y0, x1, y1, CELL_M))
+
+
+def stored_file(directory: Path, folder: str, configuration: str) -> Path | None:
+    """Return a configuration's file in a folder; None without one, or where its name or a link leads out."""
+    file = directory / folder / f"{configuration}.parquet"
+    inside = file.parent == directory / folder and file.resolve().is_relative_to(directory.resolve())
+    return file if inside and file.is_file() else None
 
 
 def read_paths(directory: Path, table: RunTable, configuration: int, grid: FailureGrid) -> Paths | None:
@@ -156,8 +165,8 @@ def read_paths(directory: Path, table: RunTable, configuration: int, grid: Failu
     Raises:
         OSError, ValueError: a damaged recording.
     """
-    file = directory / "recordings" / f"{table.configurations[configuration]}.parquet"
-    if not file.is_file():
+    file = stored_file(directory, "recordings", table.configurations[configuration])
+    if file is None:
         return None
     index, columns = read_columns(file, ("x_mm", "y_mm"))
     first, last = np.searchsorted(table.configuration, (configuration, configuration + 1))

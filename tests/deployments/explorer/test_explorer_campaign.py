@@ -222,6 +222,27 @@ def test_campaign_that_was_removed_is_one_sentence(client, campaign):
     assert "No campaign directory" in client.get("/api/rows", params={"c": c}).json()["error"]
 
 
+def test_names_of_a_hostile_table_lead_out_of_no_folder(client, campaign, tmp_path):
+    c, directory = campaign
+    (directory / "recordings" / "hard-1.parquet").rename(tmp_path / "hard-1.parquet")
+    (directory / "recordings" / "hard-1.parquet").symlink_to(tmp_path / "hard-1.parquet")
+    (directory / "recordings" / "hard-2.parquet").rename(directory / "hard-2.parquet")
+    runs = pd.read_parquet(directory / WIDE_FILE)
+    runs["configuration"] = runs["configuration"].cat.rename_categories({"hard-2": "../hard-2"})
+    runs.to_parquet(directory / WIDE_FILE)
+    for name in ("hard-1", "../hard-2"):
+        found = client.get("/api/configuration", params={"c": c, "name": name}).json()
+        assert [run["recorded"] for run in found["runs"]] == [False] * 4
+        header, _ = arrays_of(client.get("/api/configuration/paths", params={"c": c, "name": name}).content)
+        assert header["form"] == "nothing"
+
+
+def test_runs_in_disorder_are_one_sentence(client, campaign):
+    c, directory = campaign
+    pd.read_parquet(directory / WIDE_FILE).iloc[::-1].to_parquet(directory / WIDE_FILE)
+    assert "one after another" in client.get("/api/rows", params={"c": c}).json()["error"]
+
+
 def test_names_are_text_on_every_page(client, add_campaign, id_of):
     evil = "<script>alert(1)</script>"
     c = id_of(add_campaign(5, FAMILIES, name="evil", text=f"version: 1\nmetadata: {{name: '{evil}'}}\n"))
