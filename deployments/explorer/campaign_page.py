@@ -23,6 +23,7 @@ from vastflow.deployments.explorer.selection import (
     Bools,
     Filter,
     format_filter,
+    is_by_result,
     parse_filter,
     python_of,
 )
@@ -91,6 +92,7 @@ def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -
             "filter": format_filter(chosen),
             "conditions": [asdict(each) for each in chosen.conditions],
             "summary": facets.summary_json(campaign.table, mask),
+            "by_result": is_by_result(campaign.table, chosen),
             "reasons": facets.reasons_json(campaign.table, mask),
             "columns": facets.column_list(campaign.facets),
             "maps": campaign.maps,

@@ -21,8 +21,7 @@ from vastflow.deployments.explorer.selection import (
 )
 from vastflow.oracles.results.factors import MOST_LEVELS
 from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS
-from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap
-from vastflow.oracles.statistics.intervals import wilson_intervals
+from vastflow.oracles.statistics.intervals import Counts, wilson_intervals
 
 Kind: TypeAlias = Literal["values", "numbers", "constant", "places"]
 
@@ -142,13 +141,7 @@ class Facets:
             condition = chosen.of(facet.column.name)
             asked = condition.values if isinstance(condition, ValuesOf) else ()
             order = np.union1d(order, [k for k, value in enumerate(facet.values) if value in asked]).astype(np.int64)
-        place = np.full(len(facet.values), -1)
-        place[order] = np.arange(len(order))
-        ends = rate_intervals(place[cells], verdict, self.table.configuration[runs], len(order))
-        shown = [
-            {"value": facet.values[k], **_counts_json(counts[k]), "interval": interval}
-            for k, interval in zip(order.tolist(), ends, strict=True)
-        ]
+        shown = [{"value": facet.values[k], **_counts_json(counts[k])} for k in order.tolist()]
         column = facet.column
         return {
             "name": column.name,
@@ -167,7 +160,10 @@ def _counts(cells: NDArray[Any], verdict: NDArray[np.int8], n: int) -> NDArray[n
 
 def _counts_json(counts: NDArray[np.int64]) -> dict[str, Any]:
     passed, failed, not_judged = counts.tolist()
-    return {"passed": passed, "failed": failed, "not_judged": not_judged, "rate": rate(passed, failed)}
+    ends = Counts(passed, failed, not_judged).interval
+    interval = [ends.low, ends.high] if passed + failed else None
+    rate_ = rate(passed, failed)
+    return {"passed": passed, "failed": failed, "not_judged": not_judged, "rate": rate_, "interval": interval}
 
 
 def rate(passed: int, failed: int) -> float | None:
@@ -175,38 +171,12 @@ def rate(passed: int, failed: int) -> float | None:
     return passed / (passed + failed) if passed + failed else None
 
 
-def rate_intervals(
-    cells: NDArray[np.int64], verdict: NDArray[np.int8], configuration: NDArray[np.int64], n: int
-) -> list[list[float] | None]:
-    """Return intervals of the success rates of `n` cells, with configurations as clusters; None where nothing was judged.
-
-    The arithmetic is that of a map of failure rates, whose cells need not be places.
-
-    Args:
-        cells, verdict, configuration: (R,) of each run, in the order of configurations; a cell below 0 is none.
-    """
-    known = (cells >= 0) & (verdict != NOT_JUDGED)
-    first, last = (int(configuration[k]) if len(configuration) else 0 for k in (0, -1))
-    m = last + 1 - first
-    at = cells[known] * m + (configuration[known] - first)
-    visits, failures = (np.bincount(some, minlength=n * m).reshape(n, m) for some in (at, at[verdict[known] == FAIL]))
-    squares = np.stack([(a * b).sum(axis=1) for a, b in ((failures, failures), (failures, visits), (visits, visits))])
-    came, fell, of = (each[None] for each in (visits.sum(axis=1), failures.sum(axis=1), (visits > 0).sum(axis=1)))
-    found = FailureMap(FailureGrid((0.0, 0.0), 1.0, (1, n)), came, fell, of, squares[:, None])
-    ends = 1.0 - found.intervals()[0, :, ::-1]
-    return [pair if some else None for pair, some in zip(ends.tolist(), came[0].tolist(), strict=True)]
-
-
 def summary_json(table: RunTable, mask: Bools) -> dict[str, Any]:
     """Return counts, rate, and interval of the selected runs."""
-    chosen = np.flatnonzero(mask)
-    verdict, configuration = table.verdict[chosen], table.configuration[chosen]
-    ends = rate_intervals(np.zeros(len(chosen), dtype=np.int64), verdict, configuration, 1)[0]
-    here = np.bincount(configuration, minlength=len(table.configurations)) > 0
+    here = np.bincount(table.configuration[mask], minlength=len(table.configurations)) > 0
     return {
-        **_counts_json(np.bincount(verdict, minlength=_VERDICTS)),
-        "interval": ends,
-        "runs": len(chosen),
+        **_counts_json(np.bincount(table.verdict[mask], minlength=_VERDICTS)),
+        "runs": int(mask.sum()),
         "all_runs": len(table),
         "configurations": int(here.sum()),
         "all_configurations": len(np.unique(table.configuration)),

@@ -28,6 +28,8 @@ WIDE_FILE: Final = "runs_wide.parquet"
 PASSED: Final = "passed"
 RUN_COLUMNS: Final = ("family", "outcome", "cause", "reason", "stood_still", "simulated_s", "distance_m", "recoveries")
 RUN_COUNTS: Final = ("missed_goals", "contacts", "configuration", "run_index")
+_ASKED: Final = ("family", "configuration", "run_index")
+"""Columns of a run that do not come from its execution."""
 JUDGED: Final = ("pass", "fail")
 """Levels of a verdict; a run that was not judged has none."""
 
@@ -342,6 +344,12 @@ def _group(name: str, oracles: Sequence[str]) -> Group:
     if any(name.startswith(f"{oracle}.") for oracle in oracles):
         return "metric"
     return "path" if name in PATH_COLUMNS else "factor"
+
+
+def is_by_result(table: RunTable, chosen: Filter) -> bool:
+    """True if runs were chosen by what came out, so that their success rate tells nothing of others."""
+    named = (table.column(each.column) for each in chosen.conditions)
+    return any(each.group in ("run", "verdict", "metric") and each.name not in _ASKED for each in named)
 
 
 def python_of(table: RunTable, chosen: Filter, directory: Path) -> str:

@@ -94,9 +94,7 @@ def main() -> None:
             "run": f"/run?{urlencode(run)}",
             "lock-step": f"/run?{urlencode({**run, 'with': asked.configuration, 'withrun': asked.run + 1})}",
         }
-        browser.ask(
-            "Emulation.setDeviceMetricsOverride", width=WIDTH, height=HEIGHT, deviceScaleFactor=1, mobile=False
-        )
+        browser.ask("Emulation.setDeviceMetricsOverride", width=WIDTH, height=HEIGHT, deviceScaleFactor=1, mobile=False)
         browser.ask("Page.navigate", url=f"{root}/?token=pictures")
         time.sleep(asked.wait)
         for name, address in views.items():

@@ -103,7 +103,8 @@ function showSummary() {
     return element("span", { class: VERDICTS[k].name.replace(" ", "-") }, `${count(n)} ${VERDICTS[k].word}`);
   });
   const rate = summary.rate === null ? "Nothing was judged" : `${percent(summary.rate)} passed`;
-  const ends = summary.interval ? `${interval(summary.interval)} among configurations like these` : "";
+  // Runs that were chosen by their result tell nothing of the rate.
+  const ends = summary.interval && !told.by_result ? `${interval(summary.interval)}, 95 % interval of these runs` : "";
   const of = (n, all) => (n === all ? `all ${count(n)}` : `${count(n)} of ${count(all)}`);
   const configurations = of(summary.configurations, summary.all_configurations);
   const size = `${of(summary.runs, summary.all_runs)} runs, ${configurations} configurations`;

@@ -16,7 +16,7 @@ from vastflow.deployments.explorer.facets import (
     summary_json,
     varying_of,
 )
-from vastflow.deployments.explorer.selection import Filter, Selections, parse_filter, run_table_of
+from vastflow.deployments.explorer.selection import Filter, Selections, is_by_result, parse_filter, run_table_of
 from vastflow.deployments.explorer.trajectories import STEP_M, joined, layer, paths_of
 from vastflow.oracles.statistics.failure_map import failure_map, grid_over
 
@@ -105,6 +105,13 @@ def test_summary_counts_runs_and_configurations(table):
     assert found["configurations"] == runs["configuration"].nunique()
     assert found["rate"] == pytest.approx(runs["passed"].mean())
     assert found["interval"][0] < found["rate"] < found["interval"][1]
+
+
+def test_selection_by_verdict_or_metric_is_by_result(table):
+    by = {
+        text: is_by_result(table, parse_filter(text)) for text in ("noise=0.4;family=odd", "passed=fail", "reason=r19")
+    }
+    assert by == {"noise=0.4;family=odd": False, "passed=fail": True, "reason=r19": True}
 
 
 def test_summary_of_no_run_has_no_rate(table):
