@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.deployments.explorer.packed import packed
-from vastflow.flows.results.provenance import origin_differences
-from vastflow.oracles.replay.close_up import bands
+from vastflow.oracles.replay.bands import bands
 from vastflow.oracles.replay.recorded import RecordedRun, recorded_run
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.pose import Pose
@@ -20,8 +19,6 @@ from vastflow.sim.reading.checked import checked_of
 from vastflow.sim.replay import Box, Moment, Patch, first_difference, moment_of, snapshot_of
 from vastflow.sim.run import run
 from vastflow.sim.scenario.programs.actions import PROCESSES
-from vastflow.tasks.keys.keys import EXECUTE_SOURCE, numeric_class
-from vastflow.tasks.keys.source import installed_tree
 
 EVERY_TICKS: Final = 2
 """Ticks between two moments: 10 Hz, the lidar's rate."""
@@ -73,6 +70,10 @@ def _sentence(recorded: RecordedRun, executed: Recording) -> str:
     """Return how the executed run differs from the recorded one; empty where it does not."""
     if (difference := first_difference(recorded.recording, executed)) is None:
         return ""
+    from vastflow.flows.results.provenance import origin_differences  # rarely needed, and imported in half a second
+    from vastflow.tasks.keys.keys import EXECUTE_SOURCE, numeric_class
+    from vastflow.tasks.keys.source import installed_tree
+
     why = origin_differences(recorded.metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE))
     because = f" ({'; '.join(why)})" if why else ""
     return f"The layers are not those of the recorded run, which the execution differs from: {difference}{because}."

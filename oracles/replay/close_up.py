@@ -1,8 +1,7 @@
 """The close-up: the world around the robot at one moment, truth dark, belief orange, global costs blue; and the timeline."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import groupby
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -17,7 +16,8 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.figures.maps import FREE, UNKNOWN, WALL, draw_zones
 from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK
-from vastflow.oracles.replay.story import SLOW_S, Story
+from vastflow.oracles.replay.bands import bands
+from vastflow.oracles.replay.story import Story
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL
@@ -302,20 +302,3 @@ def draw_now(axes: Axes, moments: Sequence[Moment], tick: int) -> None:
     axes.axis("off")
     axes.axvspan(tick * TICK_S, end_s, color="white", alpha=0.6, linewidth=0)
     axes.axvline(tick * TICK_S, color=INK, linewidth=1.4)
-
-
-def bands(moments: Sequence[Moment]) -> Iterator[tuple[int, int, str]]:
-    """Spans of ticks (first, last) in which the robot did the same thing, and what."""
-    first = 0
-    for kind, group in groupby(moments, _kind):
-        last = first + len(list(group)) - 1
-        yield first, last, kind
-        first = last + 1
-
-
-def _kind(moment: Moment) -> str:
-    if moment.stopped:
-        return "stopped"
-    if moment.no_command_s > 0.0:
-        return "no command"
-    return "no progress" if moment.no_progress_s > SLOW_S else moment.activity

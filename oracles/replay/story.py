@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_extent_m
 from vastflow.oracles.figures.style import COLORS
 from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.replay.bands import SLOW_S
 from vastflow.sim.loop.simulation import REASONS
 from vastflow.sim.loop.standstill import told
 from vastflow.sim.model.faults import UserError
@@ -21,9 +22,6 @@ from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.replay import Activity, Box, Moment
 from vastflow.sim.world.occupancy import OccupancyMap
-
-SLOW_S: Final = 3.0
-"""Time without progress that is told."""
 
 _ACTIVITIES: Final[Mapping[Activity, str]] = {
     "starting": "waiting for the first scan",

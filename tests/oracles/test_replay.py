@@ -19,7 +19,8 @@ from vastflow.oracles.figures.film import FilmError, write_mp4
 from vastflow.oracles.figures.scene import Zones
 from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.replay import still, story
-from vastflow.oracles.replay.close_up import BELIEF_COLOR, bands, draw_close_up, ground
+from vastflow.oracles.replay.bands import bands
+from vastflow.oracles.replay.close_up import BELIEF_COLOR, draw_close_up, ground
 from vastflow.oracles.replay.story import FOLLOWED_M, Story, view_of
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.pose import Pose

@@ -78,7 +78,7 @@ class Player {
     const name = element("strong", {}, this.sides.length > 1 ? `${"AB"[k]}: ${run.name} ` : "");
     name.style.color = `var(--${k ? "second" : "accent"})`;
     if (!run.hasRobot) return element("p", { class: "panel" }, `${run.name}: ${run.header.sentence}`);
-    const canvas = element("canvas", { class: "map", tabindex: 0, role: "img", "aria-label": `Map of ${run.name}` });
+    const canvas = element("canvas", { class: "map", role: "img", "aria-label": `Map of ${run.name}` });
     side.view = new MapView(/** @type {HTMLCanvasElement} */ (canvas), run, () => this.draw());
     side.state = element("span");
     return element("figure", { class: "map" }, canvas, name, side.state);
