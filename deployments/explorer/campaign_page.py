@@ -33,7 +33,7 @@ from vastflow.oracles.results.unusable import reading
 from vastflow.sim.model.faults import UserError
 
 MOST_POINTS: Final = 5000
-MOST_LINES: Final = 1500
+MOST_LINES: Final = 800
 """Runs in parallel coordinates."""
 MOST_AXES: Final = 12
 MOST_ROWS: Final = 200

@@ -1,7 +1,7 @@
 """Views of selected runs: rates, facets, pages of configurations, points, and reasons."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
@@ -12,6 +12,7 @@ from vastflow.deployments.explorer.selection import (
     Between,
     Bools,
     Column,
+    Condition,
     Filter,
     RunTable,
     Selections,
@@ -45,7 +46,8 @@ class Facet:
     Attributes:
         edges: (BINS + 1,) of `numbers`; empty otherwise.
         values: Texts of `values` and the one of `constant`, None for a missing value.
-        cells: (R,) index of the bin or value; missing numbers are in the bin after the last.
+        cells: (R,) index of the bin or value; missing numbers are in the bin after the last. (configurations,) where `is_given`.
+        is_given: True if all runs of a configuration are in one cell, as with factors.
     """
 
     column: Column
@@ -53,6 +55,12 @@ class Facet:
     edges: NDArray[np.float64] = field(repr=False)
     values: tuple[str | None, ...] = field(repr=False)
     cells: NDArray[np.int32] = field(repr=False)
+    is_given: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return len(self.values) or BINS + 1
 
 
 def facet_of(column: Column) -> Facet:
@@ -86,23 +94,53 @@ def _of_values(column: Column, names: Sequence[str | None], cells: NDArray[Any])
     return Facet(column, kind, np.zeros(0), tuple(names), cells.astype(np.int32))
 
 
+def by_given(facet: Facet, configuration: NDArray[np.int64]) -> Facet:
+    """Return a facet whose cells are those of configurations (R,) where it can be."""
+    first = np.searchsorted(configuration, np.arange(int(configuration.max(initial=-1)) + 1))
+    if not len(facet.cells) or not np.array_equal(facet.cells[first][configuration], facet.cells):
+        return facet
+    return replace(facet, cells=facet.cells[first], is_given=True)
+
+
+class Chosen:
+    """Some runs of a table, counted.
+
+    Attributes:
+        runs, verdict, configuration: (n,) index, verdict, and configuration of each run.
+        counts: (configurations, 3) runs of each verdict.
+    """
+
+    def __init__(self, table: RunTable, mask: Bools) -> None:
+        self.runs = np.flatnonzero(mask)
+        self.verdict, self.configuration = table.verdict[self.runs], table.configuration[self.runs]
+        self.counts = _counts(self.configuration, self.verdict, len(table.configurations))
+
+    def of(self, facet: Facet) -> NDArray[np.int64]:
+        """Return the runs (cells, 3) of each cell and verdict."""
+        if not facet.is_given:
+            return _counts(facet.cells[self.runs], self.verdict, facet.size)
+        sums = [np.bincount(facet.cells, weights=of, minlength=facet.size) for of in self.counts.T]
+        return np.stack(sums, axis=1).astype(np.int64)
+
+
 class Facets:
     """Facets of a table's columns."""
 
     def __init__(self, selections: Selections) -> None:
         self.selections, self.table = selections, selections.table
-        self.facets = {name: facet_of(each) for name, each in self.table.columns.items() if name not in _NO_FACETS}
+        found = ((name, facet_of(each)) for name, each in self.table.columns.items() if name not in _NO_FACETS)
+        self.facets = {name: by_given(facet, self.table.configuration) for name, facet in found}
 
     def json(self, chosen: Filter) -> dict[str, Any]:
         """Return the counts of each facet among the runs that pass the conditions on the other columns."""
-        whole = self._chosen(chosen)
+        whole = Chosen(self.table, self.selections.mask(chosen))
         shown = []
         for name, facet in self.facets.items():
             if facet.kind in ("values", "numbers"):
-                runs = whole if chosen.of(name) is None else self._chosen(chosen.without(name))
-                shown.append(
-                    self._values(facet, runs, chosen) if facet.kind == "values" else self._numbers(facet, runs)
-                )
+                runs, condition = whole, chosen.of(name)
+                if condition is not None:
+                    runs = Chosen(self.table, self.selections.mask(chosen.without(name)))
+                shown.append(_values(facet, runs, condition) if facet.kind == "values" else _numbers(facet, runs))
         constant = [(name, facet) for name, facet in self.facets.items() if facet.kind == "constant"]
         return {
             "facets": shown,
@@ -115,42 +153,26 @@ class Facets:
         kinds = ("values", "numbers")
         return [n for n, each in self.facets.items() if each.kind in kinds and group in (None, each.column.group)]
 
-    def _chosen(self, chosen: Filter) -> NDArray[np.int64]:
-        return np.flatnonzero(self.selections.mask(chosen))
 
-    def _numbers(self, facet: Facet, runs: NDArray[np.int64]) -> dict[str, Any]:
-        counts = _counts(facet.cells[runs], self.table.verdict[runs], BINS + 1)
-        ends = {"low": float(facet.edges[0]), "high": float(facet.edges[-1])}
-        column = facet.column
-        return {
-            "name": column.name,
-            "group": column.group,
-            "unit": column.unit,
-            "kind": "numbers",
-            **ends,
-            "counts": counts[:BINS].tolist(),
-            "missing": int(counts[BINS].sum()),
-        }
+def _described(column: Column, kind: Kind) -> dict[str, Any]:
+    return {"name": column.name, "group": column.group, "unit": column.unit, "kind": kind}
 
-    def _values(self, facet: Facet, runs: NDArray[np.int64], chosen: Filter) -> dict[str, Any]:
-        cells, verdict = facet.cells[runs], self.table.verdict[runs]
-        counts = _counts(cells, verdict, len(facet.values))
-        order = np.arange(len(facet.values))
-        if len(order) > MOST_VALUES:
-            order = np.sort(np.argsort(-counts.sum(axis=1), kind="stable")[:MOST_VALUES])
-            condition = chosen.of(facet.column.name)
-            asked = condition.values if isinstance(condition, ValuesOf) else ()
-            order = np.union1d(order, [k for k, value in enumerate(facet.values) if value in asked]).astype(np.int64)
-        shown = [{"value": facet.values[k], **_counts_json(counts[k])} for k in order.tolist()]
-        column = facet.column
-        return {
-            "name": column.name,
-            "group": column.group,
-            "unit": column.unit,
-            "kind": "values",
-            "values": shown,
-            "left_out": len(facet.values) - len(order),
-        }
+
+def _numbers(facet: Facet, chosen: Chosen) -> dict[str, Any]:
+    counts = chosen.of(facet)
+    ends = {"low": float(facet.edges[0]), "high": float(facet.edges[-1])}
+    missing = int(counts[BINS].sum())
+    return {**_described(facet.column, "numbers"), **ends, "counts": counts[:BINS].tolist(), "missing": missing}
+
+
+def _values(facet: Facet, chosen: Chosen, condition: Condition | None) -> dict[str, Any]:
+    counts, order = chosen.of(facet), np.arange(facet.size)
+    if len(order) > MOST_VALUES:
+        order = np.sort(np.argsort(-counts.sum(axis=1), kind="stable")[:MOST_VALUES])
+        asked = condition.values if isinstance(condition, ValuesOf) else ()
+        order = np.union1d(order, [k for k, value in enumerate(facet.values) if value in asked]).astype(np.int64)
+    shown = [{"value": facet.values[k], **_counts_json(counts[k])} for k in order.tolist()]
+    return {**_described(facet.column, "values"), "values": shown, "left_out": facet.size - len(order)}
 
 
 def _counts(cells: NDArray[Any], verdict: NDArray[np.int8], n: int) -> NDArray[np.int64]:
@@ -162,8 +184,8 @@ def _counts_json(counts: NDArray[np.int64]) -> dict[str, Any]:
     passed, failed, not_judged = counts.tolist()
     ends = Counts(passed, failed, not_judged).interval
     interval = [ends.low, ends.high] if passed + failed else None
-    rate_ = rate(passed, failed)
-    return {"passed": passed, "failed": failed, "not_judged": not_judged, "rate": rate_, "interval": interval}
+    whole = {"passed": passed, "failed": failed, "not_judged": not_judged}
+    return {**whole, "rate": rate(passed, failed), "interval": interval}
 
 
 def rate(passed: int, failed: int) -> float | None:
@@ -173,12 +195,12 @@ def rate(passed: int, failed: int) -> float | None:
 
 def summary_json(table: RunTable, mask: Bools) -> dict[str, Any]:
     """Return counts, rate, and interval of the selected runs."""
-    here = np.bincount(table.configuration[mask], minlength=len(table.configurations)) > 0
+    chosen = Chosen(table, mask)
     return {
-        **_counts_json(np.bincount(table.verdict[mask], minlength=_VERDICTS)),
-        "runs": int(mask.sum()),
+        **_counts_json(chosen.counts.sum(axis=0)),
+        "runs": len(chosen.runs),
         "all_runs": len(table),
-        "configurations": int(here.sum()),
+        "configurations": int(chosen.counts.any(axis=1).sum()),
         "all_configurations": len(np.unique(table.configuration)),
     }
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import numpy as np
+import pyarrow as pa
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.facets import Facets
@@ -101,6 +102,7 @@ def _opened(directory: CampaignDirectory, stamp: Stamp) -> Campaign:
         environments = {row["name"]: row["environment"] for row in rows}
         trajectories = Trajectories(path, table, [environments.get(name) for name in table.configurations])
         selections = Selections(table)
+        pa.default_memory_pool().release_unused()
         return Campaign(directory, stamp, table, selections, Facets(selections), trajectories)
 
 

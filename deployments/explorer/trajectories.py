@@ -23,7 +23,7 @@ from vastflow.sim.world.occupancy import OccupancyMap
 Layer: TypeAlias = Literal["paths", "ends", "rate"]
 LAYERS: Final[tuple[Layer, ...]] = ("paths", "ends", "rate")
 
-STEP_M: Final = 0.2
+STEP_M: Final = 0.25
 """Distance between the points of a path that are kept."""
 MOST_PATHS: Final = 2000
 MOST_ENDS: Final = 4000
@@ -40,7 +40,7 @@ class Paths:
         starts: (K + 1,) index of each run's first point, and N.
         xy_m: (N, 2) float32, a point every `STEP_M` and the last.
         cell_starts: (K + 1,) index of each run's first cell, and M.
-        cells: (M,) int32, each cell of the grid that a run visits, once.
+        cells: (M,) each cell of the grid that a run visits, once.
         ended: (M,) whether the cell is on the last half meter of the path.
     """
 
@@ -48,7 +48,7 @@ class Paths:
     starts: NDArray[np.int64] = field(repr=False)
     xy_m: NDArray[np.float32] = field(repr=False)
     cell_starts: NDArray[np.int64] = field(repr=False)
-    cells: NDArray[np.int32] = field(repr=False)
+    cells: NDArray[np.integer[Any]] = field(repr=False)
     ended: Bools = field(repr=False)
 
 
@@ -79,7 +79,7 @@ def paths_of(row: NDArray[np.int64], starts: NDArray[np.int64], xy_m: NDArray[np
         np.r_[0, np.cumsum(np.bincount(run[keep], minlength=len(row)))],
         xy_m[keep].astype(np.float32),
         np.r_[0, np.cumsum(np.bincount(visited // cells, minlength=len(row)))],
-        (visited % cells).astype(np.int32),
+        (visited % cells).astype(np.min_scalar_type(cells)),
         np.isin(visited, last),
     )
 

@@ -190,20 +190,15 @@ export function parallelChart(width, columns, verdicts, choose) {
   const x = (k) => 30 + (k * (width - 130)) / Math.max(columns.length - 1, 1);
   const ranges = columns.map(({ values }) => rangeOf(values));
   const y = (k, value) => bottom - ((value - ranges[k][0]) / (ranges[k][1] - ranges[k][0])) * (bottom - top);
-  const parts = [[], [], []];
-  verdicts.forEach((verdict, run) => {
-    let pen = "M";
-    columns.forEach(({ values }, k) => {
-      // Missing values have a place of their own below the axis.
-      const at = Number.isNaN(values[run]) ? bottom + 14 : y(k, values[run]);
-      parts[verdict].push(`${pen}${x(k).toFixed(1)} ${at.toFixed(1)}`);
-      pen = "L";
-    });
+  // A path for each run, so that many make a darker band; passed and failed ones in turn, so that neither hides the other.
+  const threads = Array.from(verdicts, (verdict, run) => {
+    // Missing values have a place of their own below the axis.
+    const at = columns.map(({ values }, k) => (Number.isNaN(values[run]) ? bottom + 14 : y(k, values[run])));
+    const d = `M${at.map((place, k) => `${x(k).toFixed(1)} ${place.toFixed(1)}`).join("L")}`;
+    return drawn("path", { d, class: `stroke-${verdict}` });
   });
-  const alpha = String(Math.min(Math.max(6 / Math.sqrt(verdicts.length), 0.08), 0.7));
-  const lines = [2, 0, 1].map((k) =>
-    drawn("path", { d: parts[k].join(""), class: `line stroke-${k}`, "stroke-opacity": alpha }),
-  );
+  const alpha = Math.min(Math.max(4 / Math.sqrt(verdicts.length), 0.06), 0.7);
+  const lines = drawn("g", { class: "threads", "stroke-opacity": alpha }, ...threads);
   const axes = columns.map(({ name, levels }, k) => {
     const [low, high] = ranges[k];
     const label = drawn("text", { transform: `translate(${x(k)} ${top - 16}) rotate(-24)` }, shortened(name, 20));
@@ -225,7 +220,7 @@ export function parallelChart(width, columns, verdicts, choose) {
     const line = drawn("line", { x1: x(k), x2: x(k), y1: top, y2: bottom, class: "axis" });
     return drawn("g", {}, line, label, ...ends, band, handle);
   });
-  return svgOf(width, `${verdicts.length} runs over ${columns.length} columns`, ...lines, ...axes);
+  return svgOf(width, `${verdicts.length} runs over ${columns.length} columns`, lines, ...axes);
 }
 
 /** @returns {number} Width of a chart in a part of the page, with room for some axes. */
