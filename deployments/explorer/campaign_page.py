@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -17,13 +18,14 @@ from vastflow.deployments.explorer import facets, trajectories
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import BadRequest, arrays_reply, json_reply, name_of, number_of, unless_known
+from vastflow.deployments.explorer.replies import arrays_reply, json_reply, name_of, number_of, unless_known
 from vastflow.deployments.explorer.selection import (
     WIDE_FILE,
     Bools,
     Filter,
     format_filter,
     is_by_result,
+    mask_of,
     parse_filter,
     python_of,
 )
@@ -64,7 +66,12 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         def answer(request: Request) -> Response:
             campaign = opened.of(name_of(request, "c"))
             chosen = parse_filter(request.query_params.get("f", ""))
-            return made(request, campaign, chosen, campaign.selections.mask(chosen))
+
+            def reply() -> Response:
+                return made(request, campaign, chosen, mask_of(campaign.table, chosen))
+
+            # More paths are read meanwhile.
+            return reply() if made is paths else unless_known(request, campaign.stamp, reply)
 
         return answer
 
@@ -86,67 +93,50 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
 
 def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
     """Return the counts of the selection, its reasons, its program, and the choices of the page."""
-
-    def made() -> Response:
-        found: dict[str, Any] = {
-            "filter": format_filter(chosen),
-            "conditions": [asdict(each) for each in chosen.conditions],
-            "summary": facets.summary_json(campaign.table, mask),
-            "by_result": is_by_result(campaign.table, chosen),
-            "reasons": facets.reasons_json(campaign.table, mask),
-            "columns": facets.column_list(campaign.facets),
-            "maps": campaign.maps,
-            "python": python_of(campaign.table, chosen, campaign.directory.path),
-        }
-        return json_reply(found)
-
-    return unless_known(request, campaign, made)
+    found: dict[str, Any] = {
+        "filter": format_filter(chosen),
+        "conditions": [asdict(each) for each in chosen.conditions],
+        "summary": facets.summary_json(campaign.table, mask),
+        "by_result": is_by_result(campaign.table, chosen),
+        "reasons": facets.reasons_json(campaign.table, mask),
+        "columns": facets.column_list(campaign.facets),
+        "maps": campaign.maps,
+        "python": python_of(campaign.table, chosen, campaign.directory.path),
+    }
+    return json_reply(found)
 
 
 def facet_counts(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
     """Return each facet's counts under the other facets' conditions."""
-    return unless_known(request, campaign, lambda: json_reply(campaign.facets.json(chosen)))
+    return json_reply(campaign.facets.json(chosen))
 
 
 def rows(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
     """Return a page of the selection's configurations."""
-    start, count = number_of(request, "start", 0, 1 << 40), number_of(request, "count", _ROWS, MOST_ROWS)
+    start, count = number_of(request, "start", 0), min(number_of(request, "count", _ROWS), MOST_ROWS)
     sort, descending = request.query_params.get("sort", "rate"), request.query_params.get("order") == "descending"
     shown = request.query_params.getlist("column") or facets.default_columns(campaign.facets)
-
-    def made() -> Response:
-        return json_reply(
-            facets.rows_json(campaign.table, mask, shown, sort, descending=descending, start=start, count=count)
-        )
-
-    return unless_known(request, campaign, made)
+    found = facets.rows_json(campaign.table, mask, shown, sort, descending=descending, start=start, count=count)
+    return json_reply(found)
 
 
 def points(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
     """Return runs in some columns; without names those that vary, for parallel coordinates."""
-    asked = request.query_params.getlist("column")
-    most = MOST_POINTS if len(asked) == 2 else MOST_LINES
-
-    def made() -> Response:
-        names: list[str] = asked
-        constant: list[str] = []
-        if len(asked) != 2:
-            names, constant = facets.varying_of(campaign.table, mask, asked or facets.axes_of(campaign.facets, chosen))
-        header, arrays = facets.points(campaign.table, mask, names[:MOST_AXES], most)
-        return arrays_reply({**header, "constant": constant, "left_out": names[MOST_AXES:]}, arrays)
-
-    return unless_known(request, campaign, made)
+    names, constant, most = request.query_params.getlist("column"), list[str](), MOST_POINTS
+    if len(names) != 2:
+        most = MOST_LINES
+        names, constant = facets.varying_of(campaign.table, mask, names or facets.axes_of(campaign.facets, chosen))
+    header, arrays = facets.points(campaign.table, mask, names[:MOST_AXES], most)
+    return arrays_reply({**header, "constant": constant, "left_out": names[MOST_AXES:]}, arrays)
 
 
 def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
     """Return a layer of the map of the runs that were read so far."""
-    environment = name_of(request, "environment")
+    environment = _environment(request, campaign)
     asked = request.query_params.get("layer", "paths")
     shown = next((each for each in trajectories.LAYERS if each == asked), None)
     if shown is None:
-        raise BadRequest(f"layer: expected one of {', '.join(trajectories.LAYERS)}, got {asked!r}")
-    if environment not in [each["id"] for each in campaign.maps]:
-        raise BadRequest(f"environment: expected a map of this campaign, got {environment!r}")
+        raise HTTPException(400, f"layer: expected one of {', '.join(trajectories.LAYERS)}, got {asked!r}")
     found = campaign.trajectories.read(environment, _WAIT_S)
     header = {
         "problem": found.problem,
@@ -163,22 +153,23 @@ def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
 
 def map_picture(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
     """Return the picture of an environment's map."""
+    with reading(campaign.directory.path):
+        floor = trajectories.floor_of(campaign.directory.path, _environment(request, campaign))
+        return Response(floor.png(), media_type="image/png")
+
+
+def _environment(request: Request, campaign: Campaign) -> str:
     environment = name_of(request, "environment")
     if environment not in [each["id"] for each in campaign.maps]:
-        raise BadRequest(f"environment: expected a map of this campaign, got {environment!r}")
-
-    def made() -> Response:
-        with reading(campaign.directory.path):
-            return Response(trajectories.floor_of(campaign.directory.path, environment).png(), media_type="image/png")
-
-    return unless_known(request, campaign, made)
+        raise HTTPException(400, f"environment: expected a map of this campaign, got {environment!r}")
+    return environment
 
 
 def table(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
     """Return the selected runs with all columns, as a file."""
     form = request.query_params.get("format", "csv")
     if form not in _FORMATS:
-        raise BadRequest(f"format: expected csv or parquet, got {form!r}")
+        raise HTTPException(400, f"format: expected csv or parquet, got {form!r}")
     with reading(campaign.directory.path):
         found = selected(campaign, mask)
     out = io.BytesIO()

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -14,7 +15,7 @@ from starlette.routing import BaseRoute, Route
 from vastflow.deployments.explorer.facets import by_configuration, rate
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import BadRequest, arrays_reply, json_reply, name_of, unless_known
+from vastflow.deployments.explorer.replies import arrays_reply, json_reply, name_of, unless_known
 from vastflow.deployments.explorer.selection import RunTable
 from vastflow.deployments.explorer.trajectories import floor_of, layer, read_paths, stored_file
 from vastflow.oracles.figures.scene import distinct_obstacles
@@ -61,7 +62,7 @@ def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
                 with reading(f"{campaign.directory.path}: {campaign.table.configurations[k]}"):
                     return made(request, campaign, k)
 
-            return unless_known(request, campaign, read)
+            return unless_known(request, campaign.stamp, read)
 
         return answer
 
@@ -74,9 +75,9 @@ def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
 
 
 def index_of(table: RunTable, name: str) -> int:
-    """Return a configuration's index; raises `BadRequest` for one that there is not."""
+    """Return a configuration's index; raises `UserError` for one that there is not."""
     if name not in table.configurations:
-        raise BadRequest(f"name: expected a configuration with runs in this campaign, got {name!r}")
+        raise UserError(f"name: expected a configuration with runs in this campaign, got {name!r}")
     return table.configurations.index(name)
 
 
@@ -207,7 +208,7 @@ def signals(request: Request, campaign: Campaign, k: int) -> Response:
     """
     name, over = name_of(request, "signal"), request.query_params.get("over", TIME)
     if over not in (TIME, DISTANCE):
-        raise BadRequest(f"over: expected {TIME} or {DISTANCE}, got {over!r}")
+        raise HTTPException(400, f"over: expected {TIME} or {DISTANCE}, got {over!r}")
     table = campaign.table
     first, last = np.searchsorted(table.configuration, (k, k + 1)).tolist()
     at = {int(run): first + place for place, run in enumerate(table.run_index[first:last])}

@@ -15,9 +15,9 @@ from vastflow.deployments.explorer.selection import (
     Condition,
     Filter,
     RunTable,
-    Selections,
     ValuesOf,
     is_place,
+    mask_of,
     number_text,
 )
 from vastflow.oracles.results.factors import MOST_LEVELS
@@ -126,20 +126,20 @@ class Chosen:
 class Facets:
     """Facets of a table's columns."""
 
-    def __init__(self, selections: Selections) -> None:
-        self.selections, self.table = selections, selections.table
+    def __init__(self, table: RunTable) -> None:
+        self.table = table
         found = ((name, facet_of(each)) for name, each in self.table.columns.items() if name not in _NO_FACETS)
         self.facets = {name: by_given(facet, self.table.configuration) for name, facet in found}
 
     def json(self, chosen: Filter) -> dict[str, Any]:
         """Return the counts of each facet among the runs that pass the conditions on the other columns."""
-        whole = Chosen(self.table, self.selections.mask(chosen))
+        whole = Chosen(self.table, mask_of(self.table, chosen))
         shown = []
         for name, facet in self.facets.items():
             if facet.kind in ("values", "numbers"):
                 runs, condition = whole, chosen.of(name)
                 if condition is not None:
-                    runs = Chosen(self.table, self.selections.mask(chosen.without(name)))
+                    runs = Chosen(self.table, mask_of(self.table, chosen.without(name)))
                 shown.append(_values(facet, runs, condition) if facet.kind == "values" else _numbers(facet, runs))
         constant = [(name, facet) for name, facet in self.facets.items() if facet.kind == "constant"]
         return {

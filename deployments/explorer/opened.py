@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.facets import Facets
-from vastflow.deployments.explorer.selection import WIDE_FILE, RunTable, Selections, read_run_table
+from vastflow.deployments.explorer.selection import WIDE_FILE, RunTable, read_run_table
 from vastflow.deployments.explorer.trajectories import Trajectories
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL
@@ -37,7 +37,6 @@ class Campaign:
     directory: CampaignDirectory
     stamp: Stamp
     table: RunTable = field(repr=False)
-    selections: Selections = field(repr=False)
     facets: Facets = field(repr=False)
     trajectories: Trajectories = field(repr=False)
 
@@ -101,9 +100,8 @@ def _opened(directory: CampaignDirectory, stamp: Stamp) -> Campaign:
         rows = table_rows(path / _CONFIGURATIONS, "name", "environment")
         environments = {row["name"]: row["environment"] for row in rows}
         trajectories = Trajectories(path, table, [environments.get(name) for name in table.configurations])
-        selections = Selections(table)
         pa.default_memory_pool().release_unused()
-        return Campaign(directory, stamp, table, selections, Facets(selections), trajectories)
+        return Campaign(directory, stamp, table, Facets(table), trajectories)
 
 
 def _stamp(path: Path) -> Stamp:

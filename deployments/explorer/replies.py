@@ -1,4 +1,4 @@
-"""Replies of the explorer's views: JSON without NaN, arrays, and their ETags."""
+"""Queries and replies of the explorer's views: JSON without NaN, packed arrays, and their ETags."""
 
 import hashlib
 import json
@@ -6,37 +6,30 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from numpy.typing import NDArray
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 
-from vastflow.deployments.explorer.opened import Campaign
 from vastflow.deployments.explorer.packed import packed
-from vastflow.sim.model.faults import UserError
 
 ARRAYS: Final = "application/octet-stream"
-
-
-class BadRequest(UserError, ValueError):
-    """A request whose query can't be answered; the message says what was expected."""
-
-
-def number_of(request: Request, name: str, otherwise: int, most: int) -> int:
-    """Return a whole number of the query, at most `most`.
-
-    Raises:
-        BadRequest: something else.
-    """
-    text = request.query_params.get(name, str(otherwise))
-    if not text.isdecimal():
-        raise BadRequest(f"{name}: expected a whole number, got {text!r}")
-    return min(int(text), most)
+_MOST_DIGITS: Final = 12
 
 
 def name_of(request: Request, name: str) -> str:
-    """Return a text of the query; raises `BadRequest` without it."""
-    if name not in request.query_params:
-        raise BadRequest(f"{name}: expected a value in the address, got none")
-    return request.query_params[name]
+    """Return a text of the query; raises `HTTPException` without it."""
+    if not (given := request.query_params.get(name, "")):
+        raise HTTPException(400, f"{name}: expected a value in the address, got none")
+    return given
+
+
+def number_of(request: Request, name: str, otherwise: int | None = None) -> int:
+    """Return a whole number of the query; raises `HTTPException` for something else, and for none without `otherwise`."""
+    if otherwise is not None and name not in request.query_params:
+        return otherwise
+    if not (given := name_of(request, name)).isdecimal() or len(given) > _MOST_DIGITS:
+        raise HTTPException(400, f"{name}: expected a whole number, got {given!r}")
+    return int(given)
 
 
 def json_reply(value: Any) -> Response:
@@ -49,9 +42,9 @@ def arrays_reply(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) 
     return Response(packed(header, arrays), media_type=ARRAYS)
 
 
-def unless_known(request: Request, campaign: Campaign, made: Callable[[], Response]) -> Response:
-    """Return the reply of an unchanged campaign to an address, or 304 to a browser that has it."""
-    text = f"{campaign.stamp}{request.url.path}?{request.url.query}"
+def unless_known(request: Request, stamp: object, made: Callable[[], Response]) -> Response:
+    """Return the reply of files with a stamp to an address, or 304 to a browser that has it."""
+    text = f"{stamp}{request.url.path}?{request.url.query}"
     tag = f'"{hashlib.sha256(text.encode()).hexdigest()[:24]}"'
     if request.headers.get("if-none-match") == tag:
         return Response(status_code=304, headers={"ETag": tag})

@@ -3,7 +3,7 @@
 import asyncio
 import functools
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -14,10 +14,9 @@ from vastflow.deployments.explorer.around import around_run
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.kept_layers import KeptLayers
 from vastflow.deployments.explorer.pages import Pages
+from vastflow.deployments.explorer.replies import ARRAYS, name_of, number_of
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.tasks.engine.executor import WorkerDied
-
-_BINARY: Final = "application/octet-stream"
 
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
@@ -31,10 +30,12 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         return KeptFiles(directory)
 
     def run(request: Request) -> Response:
-        campaign = directories.find(_text(request, "c"))
-        configuration, run_index = _text(request, "configuration"), _number(request, "run")
+        campaign = directories.find(name_of(request, "c"))
+        configuration, run_index = name_of(request, "configuration"), number_of(request, "run")
         # A form that chooses no other run sends an empty one. One of another campaign has its id as `withc`.
-        beside = (_text(request, "with"), _number(request, "withrun")) if request.query_params.get("withrun") else None
+        beside = (
+            (name_of(request, "with"), number_of(request, "withrun")) if request.query_params.get("withrun") else None
+        )
         elsewhere = "withc" in request.query_params or (beside is not None and beside[0] != configuration)
         around = around_run(campaign.path, configuration, run_index)
         return pages.page(
@@ -51,35 +52,23 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     def frames(request: Request) -> Response:
         from vastflow.deployments.explorer.frames import frames_of, stored_run  # a second of imports too
 
-        campaign = directories.find(_text(request, "c"))
-        configuration = _text(request, "configuration")
+        campaign = directories.find(name_of(request, "c"))
+        configuration = name_of(request, "configuration")
         files = files_of(campaign.path, campaign.path.stat().st_mtime_ns)
-        stored = stored_run(campaign.path, configuration, _number(request, "run"), files)
+        stored = stored_run(campaign.path, configuration, number_of(request, "run"), files)
         kept.prepare()
         with reading(campaign.path.name):
-            return Response(frames_of(stored, configuration), media_type=_BINARY)
+            return Response(frames_of(stored, configuration), media_type=ARRAYS)
 
     async def layers(request: Request) -> Response:
-        campaign = await asyncio.to_thread(directories.find, _text(request, "c"))
-        asked = kept.layers(campaign.path, _text(request, "configuration"), _number(request, "run"))
+        campaign = await asyncio.to_thread(directories.find, name_of(request, "c"))
+        asked = kept.layers(campaign.path, name_of(request, "configuration"), number_of(request, "run"))
         try:
             content = await asyncio.shield(asyncio.wrap_future(asked))  # another page may wait for it too
         except WorkerDied as error:
             raise UnusableDirectory(f"This run can't be executed again: {error}.") from None
         except asyncio.CancelledError:
             raise HTTPException(503, "The explorer was ended.") from None
-        return Response(content, media_type=_BINARY, headers={"Content-Encoding": "gzip"})
+        return Response(content, media_type=ARRAYS, headers={"Content-Encoding": "gzip"})
 
     return [Route("/run", run), Route("/api/frames", frames), Route("/api/layers", layers)]
-
-
-def _text(request: Request, name: str) -> str:
-    if not (given := request.query_params.get(name, "")):
-        raise HTTPException(400, f"The address of a run needs `{name}`.")
-    return given
-
-
-def _number(request: Request, name: str) -> int:
-    if not (given := _text(request, name)).isdecimal() or len(given) > 9:
-        raise HTTPException(400, f"{name}: expected a whole number from 0, got {given!r}")
-    return int(given)

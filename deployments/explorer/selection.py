@@ -1,8 +1,6 @@
 """Selections of a campaign's runs: filters as canonical text, and masks of the runs that pass them."""
 
 import math
-import threading
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,7 +37,6 @@ _UNITS: Final[Mapping[str, str]] = {"simulated_s": "s", "distance_m": "m"}
 _MISSING: Final = "!"
 _SAFE: Final = " ()/,"
 """Characters of names that are left readable besides letters, digits, and `-._~`."""
-_KEPT_MASKS: Final = 96
 
 
 class BadFilter(UserError, ValueError):
@@ -209,49 +206,17 @@ def _condition(text: str) -> Condition:
     return Between(column, low, high)
 
 
-class Selections:
-    """The runs of a table that pass filters; masks (R,) are kept for some conditions."""
-
-    def __init__(self, table: RunTable) -> None:
-        self.table = table
-        self._masks: OrderedDict[object, Bools] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def mask(self, chosen: Filter) -> Bools:
-        """Return which runs (R,) pass a filter; not to be written to.
-
-        Raises:
-            BadFilter: a column that there is not, or a condition that does not suit its column.
-        """
-        if len(chosen.conditions) == 1:
-            return self._kept(chosen.conditions[0], lambda: mask_of(self.table, chosen.conditions[0]))
-        return self._kept(chosen, lambda: self._joined(chosen))
-
-    def _joined(self, chosen: Filter) -> Bools:
-        joined = np.ones(len(self.table), dtype=np.bool_)
-        for condition in chosen.conditions:
-            joined &= self.mask(Filter((condition,)))
-        return joined
-
-    def _kept(self, key: object, made: Callable[[], Bools]) -> Bools:
-        with self._lock:
-            if key in self._masks:
-                self._masks.move_to_end(key)
-                return self._masks[key]
-        mask = made()
-        with self._lock:
-            self._masks[key] = mask
-            while len(self._masks) > _KEPT_MASKS:
-                self._masks.popitem(last=False)
-        return mask
-
-
-def mask_of(table: RunTable, condition: Condition) -> Bools:
-    """Return which runs (R,) of a table meet a condition.
+def mask_of(table: RunTable, chosen: Filter) -> Bools:
+    """Return which runs (R,) pass a filter.
 
     Raises:
-        BadFilter: as `Selections.mask`.
+        BadFilter: a column that there is not, or a condition that does not suit its column.
     """
+    masks = [_meeting(table, condition) for condition in chosen.conditions]
+    return np.asarray(np.logical_and.reduce([np.ones(len(table), dtype=np.bool_), *masks]))
+
+
+def _meeting(table: RunTable, condition: Condition) -> Bools:
     column = table.column(condition.column)
     if isinstance(condition, Between):
         if column.levels is not None:

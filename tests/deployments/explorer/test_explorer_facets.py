@@ -16,7 +16,7 @@ from vastflow.deployments.explorer.facets import (
     summary_json,
     varying_of,
 )
-from vastflow.deployments.explorer.selection import Filter, Selections, is_by_result, parse_filter, run_table_of
+from vastflow.deployments.explorer.selection import Filter, is_by_result, mask_of, parse_filter, run_table_of
 from vastflow.deployments.explorer.trajectories import STEP_M, joined, layer, paths_of
 from vastflow.oracles.statistics.failure_map import failure_map, grid_over
 
@@ -57,7 +57,7 @@ def table():
 
 @pytest.fixture(scope="module")
 def facets(table):
-    return Facets(Selections(table))
+    return Facets(table)
 
 
 def shown(found, name):
@@ -99,7 +99,7 @@ def test_facets_name_constant_columns_and_places(facets):
 
 
 def test_summary_counts_runs_and_configurations(table):
-    mask = Selections(table).mask(parse_filter("noise=0.4"))
+    mask = mask_of(table, parse_filter("noise=0.4"))
     found, runs = summary_json(table, mask), runs_of().query("noise == 0.4")
     assert found["runs"] == len(runs)
     assert found["configurations"] == runs["configuration"].nunique()
@@ -134,7 +134,7 @@ def test_rows_are_pages_of_one_order(table, sort, descending):
 
 
 def test_rows_have_means_of_selected_runs(table):
-    mask = Selections(table).mask(parse_filter("passed=pass"))
+    mask = mask_of(table, parse_filter("passed=pass"))
     runs = runs_of()
     means = runs[runs["passed"].eq(True)].groupby("configuration", observed=True)["safety.margin (m)"].mean()
     found = rows_json(table, mask, ["safety.margin (m)"], "rate", descending=False, start=0, count=100)
@@ -154,7 +154,7 @@ def test_points_are_sampled_evenly_and_say_so(table):
 
 
 def test_columns_that_are_constant_in_the_selection_are_parted(table):
-    mask = Selections(table).mask(parse_filter("noise=0.4"))
+    mask = mask_of(table, parse_filter("noise=0.4"))
     assert varying_of(table, mask, ["noise", "path length (m)", "robot"]) == (["path length (m)"], ["noise", "robot"])
 
 
@@ -207,7 +207,7 @@ def test_paths_keep_ends_and_a_point_for_each_step(walked):
 
 def test_rates_of_cells_are_those_of_the_report(table, walked):
     paths, grid, walks = walked
-    mask = Selections(table).mask(parse_filter("noise=0.4|0.2"))
+    mask = mask_of(table, parse_filter("noise=0.4|0.2"))
     header, arrays = layer(paths, table, mask, grid, "rate")
     judged = np.flatnonzero(mask & (table.verdict != 2))
     starts = np.r_[0, np.cumsum([len(walks[k]) for k in judged])]
@@ -219,7 +219,7 @@ def test_rates_of_cells_are_those_of_the_report(table, walked):
 
 def test_lines_are_those_of_selected_runs(table, walked):
     paths, grid, walks = walked
-    mask = Selections(table).mask(parse_filter("passed=fail"))
+    mask = mask_of(table, parse_filter("passed=fail"))
     header, arrays = layer(paths, table, mask, grid, "paths")
     xy_m, starts, places, indices, verdicts = arrays.values()
     assert header["runs"] == mask.sum() == len(verdicts)

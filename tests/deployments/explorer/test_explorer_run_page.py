@@ -68,9 +68,9 @@ def test_frames_reply_is_that_of_the_run(client, add_campaign, id_of):
 @pytest.mark.parametrize(
     ("others", "status", "words"),
     [
-        ({"run": "x"}, 400, "run: expected a whole number from 0, got 'x'"),
-        ({"run": "-1"}, 400, "run: expected a whole number from 0, got '-1'"),
-        ({"run": ""}, 400, "The address of a run needs `run`."),
+        ({"run": "x"}, 400, "run: expected a whole number, got 'x'"),
+        ({"run": "-1"}, 400, "run: expected a whole number, got '-1'"),
+        ({"run": ""}, 400, "run: expected a value in the address, got none"),
         ({"run": 9}, 409, "quiet-1 has no run 9"),
         ({"configuration": "../quiet-1"}, 409, "no configuration '../quiet-1'"),
         ({"configuration": "<script>"}, 409, "no configuration '<script>'"),

@@ -12,9 +12,9 @@ from vastflow.deployments.explorer.selection import (
     Between,
     Containing,
     Filter,
-    Selections,
     ValuesOf,
     format_filter,
+    mask_of,
     number_text,
     parse_filter,
     python_of,
@@ -110,7 +110,7 @@ def test_filter_text_is_the_same_for_conditions_in_any_order(chosen):
 @given(filters)
 def test_selection_equals_that_of_its_pandas_program(directory, chosen):
     table = read_run_table(directory)
-    mask = Selections(table).mask(chosen)
+    mask = mask_of(table, chosen)
     names = {}
     exec(python_of(table, chosen, directory), names)  # noqa: S102
     assert names["selection"].index.tolist() == np.flatnonzero(mask).tolist()
@@ -118,16 +118,9 @@ def test_selection_equals_that_of_its_pandas_program(directory, chosen):
 
 def test_selection_keeps_runs_of_a_factor_value(directory):
     runs = wide()
-    mask = Selections(read_run_table(directory)).mask(parse_filter("noise=0.1|!"))
+    mask = mask_of(read_run_table(directory), parse_filter("noise=0.1|!"))
     assert mask.tolist() == (runs["noise"].eq(0.1) | runs["noise"].isna()).tolist()
     assert 0 < mask.sum() < len(runs)
-
-
-def test_selection_keeps_few_masks(directory):
-    selections = Selections(read_run_table(directory))
-    for k in range(300):
-        selections.mask(parse_filter(f"noise:{k}.."))
-    assert len(selections._masks) < 100
 
 
 @each_row(
@@ -147,4 +140,4 @@ def test_selection_keeps_few_masks(directory):
 )
 def test_filter_that_is_wrong_is_refused(directory, text, message):
     with pytest.raises(BadFilter, match=message):
-        Selections(read_run_table(directory)).mask(parse_filter(text))
+        mask_of(read_run_table(directory), parse_filter(text))
