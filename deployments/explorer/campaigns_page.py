@@ -1,18 +1,24 @@
 """The page of all campaigns: their rates, what changed from one to the next, and trends."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final, TypeAlias
 
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
-from vastflow.deployments.explorer.file_change import FileChange, FileChanges
+from vastflow.deployments.explorer.file_change import FileChange, file_change
 from vastflow.deployments.explorer.pages import Pages, address
 from vastflow.deployments.explorer.trend import Trend, trend_of
 from vastflow.oracles.statistics.intervals import Counts
+
+Changes: TypeAlias = Callable[[CampaignDirectory, CampaignDirectory], FileChange]
+_KEPT: Final = 1000
+"""Changes in memory: finished campaigns stay as they are, and large files take a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +49,14 @@ def counts_of(campaign: CampaignDirectory) -> Counts | None:
     return Counts(*known) if len(known) == len(numbers) else None
 
 
-def rows_of(found: Sequence[CampaignDirectory], changes: FileChanges) -> Iterator[CampaignRow]:
+def rows_of(found: Sequence[CampaignDirectory], change_of: Changes) -> Iterator[CampaignRow]:
     """Yield the rows of campaigns that are sorted newest first."""
     for k, each in enumerate(found):
         change = None
         if each.state == "finished":
             earlier = (other for other in found[k + 1 :] if other.name == each.name and other.state == "finished")
             previous = next(earlier, None)
-            change = None if previous is None else changes.between(previous, each)
+            change = None if previous is None else change_of(previous, each)
         yield CampaignRow(each, counts_of(each), change)
 
 
@@ -71,12 +77,12 @@ def version_of(found: Sequence[CampaignDirectory]) -> str:
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page."""
-    changes = FileChanges()
+    change_of = lru_cache(_KEPT)(file_change)
 
     def campaigns(request: Request) -> Response:
         name = request.query_params.get("name")
         every = directories.all()
-        rows = list(rows_of([each for each in every if name in (None, each.name)], changes))
+        rows = list(rows_of([each for each in every if name in (None, each.name)], change_of))
         return pages.page(
             request,
             "campaigns.html.j2",

@@ -2,9 +2,9 @@
 
 import math
 import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final, get_args
@@ -16,7 +16,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
-from vastflow.deployments.explorer.file_change import FileChanges
+from vastflow.deployments.explorer.file_change import file_change
 from vastflow.deployments.explorer.pages import Pages, address
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.results.tables import CODES, Tables, read_tables
@@ -32,6 +32,8 @@ MOST_CHANGES: Final = 20
 MOST_LEVELS: Final = 24
 TARGETS: Final[dict[str, Target]] = {name: name for name in get_args(Target)}
 _KEPT: Final = 3
+_KEPT_TABLES: Final = 2
+"""Campaigns; one may take 100 MB, and a page with another question is of the same two."""
 _WORDS: Final[dict[int, Judgement]] = {code: word for word, code in CODES.items()}
 
 
@@ -80,8 +82,9 @@ class Comparisons:
     """Comparisons by question; a few are kept, as a page asks for its pictures too."""
 
     def __init__(self) -> None:
-        self._known: OrderedDict[Question, Compared] = OrderedDict()
         self._lock = threading.Lock()
+        self._tables = lru_cache(_KEPT_TABLES)(_tables)
+        self._compared = lru_cache(_KEPT)(self._compare)
 
     def of(self, question: Question) -> "Compared":
         """Return the comparison.
@@ -90,28 +93,14 @@ class Comparisons:
             UserError: a directory is damaged or unfinished, or there is nothing to compare.
         """
         with self._lock:  # two requests for one page compute it once
-            if question in self._known:
-                self._known.move_to_end(question)
-                return self._known[question]
-            from vastflow.flows.comparison.campaigns import compared  # two seconds of imports
+            return self._compared(question)
 
-            before, after = self._tables(question.before), self._tables(question.after)
-            with reading(question.after.path):
-                found = compared(before, after, question.oracle, question.margin, question.target)
-            self._known[question] = found
-            if len(self._known) > _KEPT:
-                self._known.popitem(last=False)
-            return found
+    def _compare(self, question: Question) -> "Compared":
+        from vastflow.flows.comparison.campaigns import compared  # two seconds of imports
 
-    def _tables(self, campaign: CampaignDirectory) -> Tables:
-        """Return the tables of a campaign, if possible those of a kept comparison."""
-        # They take 100 MB each.
-        for question, found in self._known.items():
-            for side, tables in ((question.before, found.before), (question.after, found.after)):
-                if side == campaign:
-                    return tables
-        with reading(campaign.path):
-            return read_tables(campaign.path)
+        before, after = self._tables(question.before), self._tables(question.after)
+        with reading(question.after.path):
+            return compared(before, after, question.oracle, question.margin, question.target)
 
     def picture(self, question: Question, configuration: str) -> bytes:
         """Return a PNG of a changed configuration's runs in both campaigns.
@@ -130,6 +119,11 @@ class Comparisons:
             if not drawn:
                 raise UserError(f"{configuration} can't be drawn: {next(iter(undrawn))}")
             return drawn[configuration].read_bytes()
+
+
+def _tables(campaign: CampaignDirectory) -> Tables:
+    with reading(campaign.path):
+        return read_tables(campaign.path)
 
 
 def changed(found: "Compared", question: Question, changes: list[Change]) -> Iterator[ChangedConfiguration]:
@@ -152,7 +146,7 @@ def changed(found: "Compared", question: Question, changes: list[Change]) -> Ite
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page and of its pictures."""
-    comparisons, changes = Comparisons(), FileChanges()
+    comparisons = Comparisons()
 
     def asked(request: Request) -> Question:
         given = request.query_params
@@ -184,7 +178,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             found=found,
             question=question,
             judged=_judged(found),
-            change=changes.between(question.before, question.after),
+            change=file_change(question.before, question.after),
             groups=groups,
             levels=levels if whole else levels[:MOST_LEVELS],
             more_levels=0 if whole else max(0, len(levels) - MOST_LEVELS),

@@ -66,7 +66,7 @@ class Directories:
     def __init__(self, roots: Sequence[Path]) -> None:
         self.roots = tuple(root.resolve() for root in roots)
         self._hidden: tuple[Path, ...] = ()
-        self._known: dict[Path, tuple[tuple[int, int, int], CampaignDirectory]] = {}
+        self._paths: dict[str, Path] = {}
 
     def hide(self, root: Path) -> None:
         """Find, but don't list, campaign directories below a folder from now on."""
@@ -86,30 +86,20 @@ class Directories:
         Raises:
             NoSuchCampaign: there is none, or it was removed.
         """
-        for path, (_, known) in list(self._known.items()):
-            if known.id == id and path.is_dir():
-                return self._read(path)
-        for each in (*self.all(), *self.hidden()):
-            if each.id == id:
-                return each
-        raise NoSuchCampaign("No campaign directory has this id; it may have been moved or removed.")
+        if id not in self._paths or not self._paths[id].is_dir():
+            roots = (*self.roots, *self._hidden)
+            self._paths = {_id(final_of(path)): path for root in roots for path in _below(root, DEEPEST)}
+        if id not in self._paths:
+            raise NoSuchCampaign("No campaign directory has this id; it may have been moved or removed.")
+        return _read(self._paths[id])
 
     def _in(self, roots: Iterable[Path]) -> list[CampaignDirectory]:
-        found = {path: self._read(path) for root in roots for path in _below(root, DEEPEST)}
+        found = {path: _read(path) for root in roots for path in _below(root, DEEPEST)}
         return sorted(found.values(), key=lambda each: (each.created, each.path.name), reverse=True)
 
-    def _read(self, path: Path) -> CampaignDirectory:
-        """Return a directory, from memory while its `metadata.json` is unchanged."""
-        if final_of(path) != path:
-            return _unfinished(path)
-        try:
-            status = (path / METADATA).stat()
-        except OSError:
-            return _finished(path)
-        stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
-        if path not in self._known or self._known[path][0] != stamp:
-            self._known[path] = (stamp, _finished(path))
-        return self._known[path][1]
+
+def _read(path: Path) -> CampaignDirectory:
+    return _finished(path) if final_of(path) == path else _unfinished(path)
 
 
 def _below(folder: Path, depth: int) -> Iterator[Path]:

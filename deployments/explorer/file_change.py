@@ -1,7 +1,6 @@
 """Changes of a campaign file since the previous campaign of the same name."""
 
 import difflib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
@@ -49,31 +48,13 @@ class FileChange:
         return f"{lines}, {len(self.others)} more" if self.others else lines
 
 
-class FileChanges:
-    """Changes of campaign files, kept as finished campaigns don't change."""
-
-    def __init__(self) -> None:
-        self._known: dict[tuple[CampaignDirectory, CampaignDirectory], FileChange] = {}
-
-    def between(self, previous: CampaignDirectory, campaign: CampaignDirectory) -> FileChange:
-        """Return what changed from one finished campaign to a later one."""
-        key = (previous, campaign)
-        if key not in self._known:
-            try:
-                texts = [_file_lines(each.path / "campaign.vast") for each in key]
-            except UnusableDirectory as error:
-                return FileChange(previous, others=(str(error),), compared=False)  # which may be mended
-            self._known[key] = _changed(previous, texts, _others(previous, campaign))
-        return self._known[key]
-
-
-def _file_lines(file: Path) -> list[str]:
-    with reading(file):
-        return read_text(file).splitlines()
-
-
-def _changed(previous: CampaignDirectory, texts: Sequence[list[str]], others: tuple[str, ...]) -> FileChange:
-    then, now = texts
+def file_change(previous: CampaignDirectory, campaign: CampaignDirectory) -> FileChange:
+    """Return what changed from one finished campaign to a later one."""
+    try:
+        then, now = (_file_lines(each.path / "campaign.vast") for each in (previous, campaign))
+    except UnusableDirectory as error:
+        return FileChange(previous, others=(str(error),), compared=False)
+    others = _others(previous, campaign)
     if len(then) + len(now) > _MOST_COMPARED:
         words = "the same" if then == now else f"other text, {len(then):,} lines before"
         return FileChange(previous, others=(f"the file of {len(now):,} lines has {words}", *others), compared=False)
@@ -88,6 +69,11 @@ def _changed(previous: CampaignDirectory, texts: Sequence[list[str]], others: tu
         left_out=max(0, len(lines) - MOST_LINES),
         others=others,
     )
+
+
+def _file_lines(file: Path) -> list[str]:
+    with reading(file):
+        return read_text(file).splitlines()
 
 
 def _line_text(line: str) -> str:

@@ -4,14 +4,13 @@ import threading
 import weakref
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from vastflow.tasks.engine.executor import Priority
 from vastflow.tasks.engine.pool import Pool
 
 KEPT_RUNS: Final = 8
-KEPT_BYTES: Final = 64_000_000
-"""Most compressed layers in memory; the last ones are kept whatever their size."""
+"""Runs whose compressed layers stay in memory, some megabytes each."""
 
 
 def _prepared() -> None:
@@ -29,7 +28,7 @@ class KeptLayers:
     """The layers of runs, executed in a process of their own; those of the last runs are kept."""
 
     def __init__(self) -> None:
-        self._asked: dict[tuple[Any, ...], Future[bytes]] = {}
+        self._asked: dict[tuple[Path, str, int], Future[bytes]] = {}
         self._lock = threading.Lock()
         self._pool: Pool | None = None
 
@@ -48,25 +47,12 @@ class KeptLayers:
 
     def layers(self, directory: Path, configuration: str, run_index: int) -> "Future[bytes]":
         """Return the compressed layers of a run; the future may raise `UnusableDirectory` or `WorkerDied`."""
-        recordings = directory / "recordings" / f"{configuration}.parquet"
-        try:
-            written = recordings.stat().st_mtime_ns
-        except OSError:
-            written = 0  # a duplicate's are its original's
-        key = directory, configuration, run_index, written
+        key = directory, configuration, run_index
         with self._lock:
             known = self._asked.pop(key, None)
             if known is None or (known.done() and known.exception()):
-                pool = self._running()
-                known = pool.submit(_layers, directory, configuration, run_index, priority=Priority.EXECUTE)
+                known = self._running().submit(_layers, *key, priority=Priority.EXECUTE)
             self._asked[key] = known
-            self._shorten()
+            if len(self._asked) > KEPT_RUNS:
+                del self._asked[next(iter(self._asked))]
             return known
-
-    def _shorten(self) -> None:
-        """Forget the layers that were asked for longest ago, while there are too many."""
-        sizes = {key: len(each.result()) for key, each in self._asked.items() if each.done() and not each.exception()}
-        for key in [*sizes][:-1]:
-            if len(sizes) <= KEPT_RUNS and sum(sizes.values()) <= KEPT_BYTES:
-                return
-            del self._asked[key], sizes[key]

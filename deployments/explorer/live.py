@@ -2,9 +2,10 @@
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+from vastflow.flows.terminal.following import fault_text, progress_of
 from vastflow.flows.terminal.progress import Meter, duration_text, pace_words, phase_text
 from vastflow.oracles.results.events import LAST, Event
 from vastflow.oracles.statistics.intervals import Counts
@@ -16,7 +17,6 @@ MOST_TOLD: Final = 50
 MOST_RECENT: Final = 600
 """Verdicts in the order of their coming."""
 _LETTERS: Final = {"pass": "p", "fail": "f"}
-_COUNTS: Final = frozenset(field.name for field in fields(Progress)) - {"notices"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +64,11 @@ class LiveCampaign:
             case "verdicts":
                 self._judged(event)
             case "fault":
-                run = "" if values["run_index"] is None else f" run {values['run_index']}"
-                place = f"{values['configuration'] or 'campaign'}{run}"
-                self._faults.append(f"{place}, {values['stage']}: {values['error']}")
+                self._faults.append(fault_text(values))
             case "notice":
                 self._notices.append(str(values["text"]))
             case "progress":
-                self._progress = Progress(**{name: values[name] for name in _COUNTS & values.keys()})
+                self._progress = progress_of(event)
                 self._families = list(values["families"])
                 if self._meter is not None:
                     self._meter.note(self._progress, event.at.timestamp())

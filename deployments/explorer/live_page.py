@@ -4,6 +4,7 @@ import asyncio
 import json
 import time
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from datetime import datetime
 from typing import Any, Final
 
@@ -16,15 +17,12 @@ from vastflow.deployments.explorer.directories import CampaignDirectory, Directo
 from vastflow.deployments.explorer.live import LiveCampaign
 from vastflow.deployments.explorer.pages import Pages, address
 from vastflow.deployments.explorer.preview import Previews
-from vastflow.oracles.results.events import Event, EventReader
-from vastflow.oracles.results.unfinished import ask_to_stop, is_running, place_of
+from vastflow.deployments.explorer.replies import name_of, number_of
+from vastflow.oracles.results.events import LAST, Event, EventReader, gone_event
+from vastflow.oracles.results.unfinished import ask_to_stop, place_of
 
 EVERY_S: Final = 0.5
 HEARTBEAT_S: Final = 15.0
-_LOOKS: Final = 3
-"""Looks in a row that find no process, before it counts as gone: a folder may be renamed during one."""
-_MOST_BYTES: Final = 10_000
-_GONE: Final = {"reason": "its process is gone"}
 
 
 class Follower:
@@ -32,29 +30,23 @@ class Follower:
 
     def __init__(self, directory: CampaignDirectory) -> None:
         self._reader = EventReader(directory.path)
-        self._looks = 0
         self.damaged = 0
         self.live = LiveCampaign()
 
     def look(self) -> dict[str, Any]:
         """Return the present state."""
-        place = place_of(self._reader.directory)
-        self._looks = 0 if place is not None and is_running(place) else self._looks + 1
-        try:
-            events = self._reader.new()  # after the look at the process, which may have written its last line since
-        except OSError:
-            events = []
+        events, reader = [], self._reader
+        with suppress(OSError):
+            events = reader.new()
+        whole = place_of(reader.directory) == reader.directory
+        if reader.gone and not any(event.event in LAST for event in events) and not self.live.over:
+            events.append(Event(datetime.now().astimezone(), "ended") if whole else gone_event())
         for event in events:
             try:
                 self.live.take(event)
             except (KeyError, TypeError, ValueError):
                 self.damaged += 1
-        whole = place == self._reader.directory
-        if self._looks >= _LOOKS and not self.live.over:
-            now = datetime.now().astimezone()
-            self.live.take(Event(now, "ended") if whole else Event(now, "stopped", _GONE))
-        state = self.live.state(time.time())
-        return {**state, "damaged": self.damaged + self._reader.damaged, "whole": whole}
+        return {**self.live.state(time.time()), "damaged": self.damaged + reader.damaged, "whole": whole}
 
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
@@ -63,25 +55,22 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     previews = Previews(directories)
 
     def page(request: Request) -> Response:
-        return pages.page(request, "live.html.j2", campaign=directories.find(request.query_params.get("c", "")))
+        return pages.page(request, "live.html.j2", campaign=directories.find(name_of(request, "c")))
 
     def run(request: Request) -> Response:
-        given = request.query_params
-        campaign, run_index = directories.find(given.get("c", "")), given.get("run", "")
-        if not run_index.isdecimal() or len(run_index) > 9:
-            raise HTTPException(400, f"Expected the index of a run, got {run_index!r}.")
-        name = given.get("configuration", "")
-        shown = campaign if campaign.state == "finished" else previews.of(campaign, name, int(run_index))
+        campaign, name = directories.find(name_of(request, "c")), name_of(request, "configuration")
+        run_index = number_of(request, "run")
+        shown = campaign if campaign.state == "finished" else previews.of(campaign, name, run_index)
         return RedirectResponse(address("/run", c=shown.id, configuration=name, run=run_index), 303)
 
     async def events(request: Request) -> Response:
-        follower = Follower(await asyncio.to_thread(directories.find, request.query_params.get("c", "")))
+        follower = Follower(await asyncio.to_thread(directories.find, name_of(request, "c")))
         return StreamingResponse(_stream(follower), media_type="text/event-stream")
 
     async def stop(request: Request) -> Response:
-        campaign = await asyncio.to_thread(directories.find, request.query_params.get("c", ""))
+        campaign = await asyncio.to_thread(directories.find, name_of(request, "c"))
         try:
-            reason = json.loads(await _body(request))["reason"].strip()
+            reason = (await request.json())["reason"].strip()
         except (ValueError, LookupError, TypeError, AttributeError):
             reason = ""
         if not reason:
@@ -95,15 +84,6 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         Route("/api/events", events),
         Route("/api/stop", stop, methods=["POST"]),
     ]
-
-
-async def _body(request: Request) -> bytes:
-    content = b""
-    async for part in request.stream():
-        content += part
-        if len(content) > _MOST_BYTES:
-            raise HTTPException(413, f"Expected at most {_MOST_BYTES:,} bytes.")
-    return content
 
 
 async def _stream(follower: Follower) -> AsyncIterator[str]:

@@ -13,7 +13,7 @@ from starlette.responses import Response
 from vastflow.deployments.explorer.packed import packed
 
 ARRAYS: Final = "application/octet-stream"
-_MOST_DIGITS: Final = 12
+_MOST_DIGITS: Final = 9
 
 
 def name_of(request: Request, name: str) -> str:

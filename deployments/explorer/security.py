@@ -65,7 +65,8 @@ class Guard:
         """Return the reply to a request that is not handed on."""
         if not HOST.fullmatch(request.headers.get("host", "")):
             return self._refuse(request, 421, "This explorer answers at 127.0.0.1 and localhost only.")
-        if request.method not in ("GET", "HEAD") and request.headers.get("origin") != own_origin(request):
+        own_origin = f"{request.url.scheme}://{request.headers.get('host', '')}"
+        if request.method not in ("GET", "HEAD") and request.headers.get("origin") != own_origin:
             return self._refuse(request, 403, "Changes are taken from the explorer's own pages only.")
         given = request.query_params.get(TOKEN)
         if given is not None and self._is_token(given):
@@ -86,8 +87,3 @@ class Guard:
         answer = RedirectResponse(f"{path}?{urlencode(rest)}" if rest else path, 303)
         answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
         return answer
-
-
-def own_origin(request: Request) -> str:
-    """Return the origin of the explorer's own pages."""
-    return f"{request.url.scheme}://{request.headers.get('host', '')}"

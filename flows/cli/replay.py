@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 FILM_EVERY_S: Final = 0.5
 SPEED: Final = 2.0
 """Speed of a film, as a multiple of simulated time."""
-KINDS: Final = (".mp4", ".gif", ".webp")
+KINDS: Final = (".mp4", ".gif")
 MOST_BYTES: Final = 1_000_000
-"""Size of GIF and WebP, which pages show beside their text."""
+"""Size of a GIF, which pages show beside their text."""
 STRIP: Final = "strip.png"
 FILM: Final = "film.gif"
 FRAMES: Final = "frames"
@@ -63,7 +63,7 @@ def replay(
     video: Annotated[bool, typer.Option("--video", help="Make an animated GIF too.")] = False,
     film: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Make a film too: .mp4 (H.264), or .gif or .webp of at most 1 MB."),
+        typer.Option(metavar="FILE", help="Make a film too: .mp4 (H.264), or .gif of at most 1 MB."),
     ] = None,
     out: Out = None,
     as_json: AsJson = False,

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from itertools import groupby
 from pathlib import Path
@@ -56,10 +56,7 @@ class FollowedCampaign:
                 display = display or Display(self._stream, self._now_s).__enter__()
                 self._lines += tuple(lines_of(self.last))
                 if self.last.event == "progress":
-                    counts: dict[str, Any] = {
-                        name: self.last.values[name] for name in _COUNTS & self.last.values.keys()
-                    }
-                    display.update(Progress(**counts, notices=self._lines))
+                    display.update(progress_of(self.last, self._lines))
                     self._shown = len(self._lines)
         finally:
             if display is not None:
@@ -69,6 +66,18 @@ class FollowedCampaign:
         return self._at_s + time.monotonic() - self._seen_s
 
 
+def progress_of(event: Event, notices: tuple[str, ...] = ()) -> Progress:
+    """Return the counts of an event `progress`."""
+    counts: dict[str, Any] = {name: event.values[name] for name in _COUNTS & event.values.keys()}
+    return Progress(**counts, notices=notices)
+
+
+def fault_text(values: Mapping[str, Any]) -> str:
+    """Return place, stage, and error of the values of an event `fault`."""
+    run = "" if values["run_index"] is None else f" run {values['run_index']}"
+    return f"{values['configuration'] or 'campaign'}{run}, {values['stage']}: {values['error']}"
+
+
 def lines_of(event: Event) -> Iterator[str]:
     """Yield lines for what a user should not miss: notices, faults, and verdicts other than `pass`."""
     values = event.values
@@ -76,8 +85,7 @@ def lines_of(event: Event) -> Iterator[str]:
         case "notice":
             yield str(values["text"])
         case "fault":
-            run = "" if values["run_index"] is None else f" run {values['run_index']}"
-            yield f"fault: {values['configuration'] or 'campaign'}{run}, {values['stage']}: {values['error']}"
+            yield f"fault: {fault_text(values)}"
         case "verdicts" if values["judgement"] != "pass":
             said = {"fail": "failed"}.get(values["judgement"], values["judgement"])
             reason = f": {values['reason']}" if values["reason"] else ""

@@ -1,4 +1,4 @@
-"""Films: pictures of one size as MP4 (H.264) or WebP; the same pictures give the same bytes."""
+"""Films: pictures of one size as MP4 (H.264); the same pictures give the same bytes."""
 
 import subprocess
 from collections.abc import Iterable, Iterator
@@ -74,11 +74,3 @@ def _held(pictures: Iterable[Image.Image], picture_ms: int, last_ms: int) -> Ite
         yield picture
     if picture is not None:
         yield from [picture] * (last_ms // picture_ms - 1)
-
-
-def write_webp(file: Path, pictures: Iterable[Image.Image], picture_ms: int, last_ms: int = 0) -> None:
-    """Write RGB pictures as an animated WebP that repeats."""
-    held = list(pictures)
-    durations = [picture_ms] * (len(held) - 1) + [max(last_ms, picture_ms)]
-    look = {"lossless": False, "quality": 60, "method": 4, "minimize_size": False}
-    held[0].save(file, format="WEBP", save_all=True, append_images=held[1:], duration=durations, loop=0, **look)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from vastflow.oracles.figures.film import write_mp4, write_webp
+from vastflow.oracles.figures.film import write_mp4
 from vastflow.oracles.figures.maps import draw_zones, zone_handles
 from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK, OBSTACLE_COLOR, SOFT_INK
 from vastflow.oracles.replay import close_up
@@ -263,13 +263,10 @@ def write_film(
     """
     shown = list(snapshots)
     while True:
-        match file.suffix.lower():
-            case ".mp4":
-                write_mp4(file, still_images(story, shown), picture_ms, LAST_MS)
-            case ".webp":
-                write_webp(file, still_images(story, shown, _FILM_DPI), picture_ms, LAST_MS)
-            case _:
-                _write_gif(file, story, shown, picture_ms)
+        if file.suffix.lower() == ".mp4":
+            write_mp4(file, still_images(story, shown), picture_ms, LAST_MS)
+        else:
+            _write_gif(file, story, shown, picture_ms)
         size = file.stat().st_size
         if most_bytes is None or size <= most_bytes or len(shown) <= _FEWEST:
             return len(shown)

@@ -62,13 +62,19 @@ class EventReader:
 
     Attributes:
         damaged: Number of lines that are no events.
+        gone: True once no process was found for some calls of `new`, and nothing is to come.
     """
 
     def __init__(self, directory: str | Path) -> None:
         self.directory = final_of(Path(directory))
         self.damaged = 0
+        self._looks = 0
         self._read = 0
         self._half = b""
+
+    @property
+    def gone(self) -> bool:
+        return self._looks >= _LOOKS
 
     def new(self) -> list[Event]:
         """Return the events since the last call; a half-written line comes with a later call.
@@ -78,9 +84,11 @@ class EventReader:
         """
         found: list[Event] = []
         place = place_of(self.directory)
+        self._looks = 0 if place is not None and is_running(place) else self._looks + 1
         if place is None:
             return found
         try:
+            # After the look at the process, which may have written its last line since.
             with open(place / EVENTS, "rb") as file:
                 file.seek(self._read)
                 content = file.read()
@@ -104,14 +112,17 @@ def follow(directory: str | Path, poll_s: float = _POLL_S) -> Iterator[Event]:
     Raises:
         OSError: the file can't be read.
     """
-    reader, looks = EventReader(directory), 0
-    while looks < _LOOKS:
-        place = place_of(reader.directory)
-        looks = 0 if place is not None and is_running(place) else looks + 1
-        for event in reader.new():  # after the look at the process, which may have written its last line since
+    reader = EventReader(directory)
+    while not reader.gone:
+        for event in reader.new():
             yield event
             if event.event in LAST:
                 return
         time.sleep(poll_s)
-    if place != reader.directory:
-        yield Event(datetime.now().astimezone(), "stopped", {"reason": "its process is gone"})
+    if place_of(reader.directory) != reader.directory:
+        yield gone_event()
+
+
+def gone_event() -> Event:
+    """Return the last event of a campaign whose process is gone."""
+    return Event(datetime.now().astimezone(), "stopped", {"reason": "its process is gone"})

@@ -183,14 +183,13 @@ def test_film_shows_all_pictures_in_true_colors(occupancy, tmp_path):
 
 def test_film_of_pages_leaves_pictures_out_to_stay_small(occupancy, tmp_path):
     story, snapshots = a_story(occupancy), [a_snapshot(tick) for tick in range(0, 60, 5)]
-    for suffix in ("gif", "webp"):
-        file = tmp_path / f"film.{suffix}"
-        assert still.write_film(file, story, snapshots) == 12
-        whole = file.stat().st_size
-        kept = still.write_film(file, story, snapshots, most_bytes=whole * 2 // 3)
-        with Image.open(file) as film:
-            assert 4 <= kept == film.n_frames < 12
-        assert file.stat().st_size <= whole * 2 // 3
+    file = tmp_path / "film.gif"
+    assert still.write_film(file, story, snapshots) == 12
+    whole = file.stat().st_size
+    kept = still.write_film(file, story, snapshots, most_bytes=whole * 2 // 3)
+    with Image.open(file) as film:
+        assert 4 <= kept == film.n_frames < 12
+    assert file.stat().st_size <= whole * 2 // 3
 
 
 def test_mp4_has_same_bytes_for_same_pictures(occupancy, tmp_path):

@@ -9,7 +9,7 @@ from table import each_row
 
 from vastflow.deployments.explorer.campaigns_page import counts_of, rows_of, trends_of
 from vastflow.deployments.explorer.directories import Directories, NoSuchCampaign
-from vastflow.deployments.explorer.file_change import MOST_LINES, FileChanges
+from vastflow.deployments.explorer.file_change import MOST_LINES, file_change
 from vastflow.oracles.statistics.intervals import Counts
 
 TEXT = "version: 1\nexecution:\n  runs: 4\n"
@@ -21,7 +21,7 @@ def directories(results):
 
 
 def rows(directories):
-    return list(rows_of(directories.all(), FileChanges()))
+    return list(rows_of(directories.all(), file_change))
 
 
 def test_directories_are_found_below_folders_newest_first(directories, add_campaign, results):

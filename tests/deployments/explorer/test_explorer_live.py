@@ -12,11 +12,10 @@ import pytest
 from room import SMALL_ROOM, drawn_room
 from table import each_row
 
-from vastflow.deployments.explorer import live_page
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.live import MOST_FAILED, MOST_RECENT, LiveCampaign
 from vastflow.deployments.explorer.live_page import Follower
-from vastflow.oracles.results.events import EVENTS, Event
+from vastflow.oracles.results.events import _LOOKS, EVENTS, Event
 from vastflow.oracles.results.unfinished import STOP, WRITER, writer
 
 BEGAN = datetime(2026, 11, 21, 6, 0, 0, tzinfo=UTC)
@@ -146,8 +145,8 @@ def test_follower_goes_on_when_the_directory_becomes_whole(results, running, add
 def test_follower_ends_when_the_process_is_gone(results, running):
     running(verdicts("fail", 1), alive=False)
     follower = Follower(Directories([results]).all()[0])
-    states = [follower.look() for _ in range(live_page._LOOKS)]
-    assert [each["end"] for each in states[:-1]] == [None] * (live_page._LOOKS - 1)
+    states = [follower.look() for _ in range(_LOOKS)]
+    assert [each["end"] for each in states[:-1]] == [None] * (_LOOKS - 1)
     assert states[-1]["end"]["reason"] == "its process is gone"
 
 
@@ -195,11 +194,6 @@ def test_stop_without_reason_is_refused(client, running, id_of, content):
     assert not (place / STOP).exists()
 
 
-def test_stop_refuses_a_long_body(client, running, id_of):
-    reply = client.post("/api/stop", params={"c": id_of(running())}, content=b" " * 20_000, headers=OWN)
-    assert reply.status_code == 413
-
-
 @each_row("headers", [{}, {"origin": "http://evil.example"}])
 def test_stop_from_a_foreign_page_is_refused(client, running, id_of, headers):
     place = running()
@@ -228,8 +222,9 @@ def test_run_of_finished_campaign_is_at_its_own_page(client, add_campaign, id_of
 
 @each_row("run", ["", "-1", "1.5", "9" * 10, "²"])
 def test_run_needs_an_index(client, add_campaign, id_of, run):
-    reply = client.get("/live-run", params={"c": id_of(add_campaign(20, {"room": [1]})), "run": run})
-    assert (reply.status_code, "Expected the index of a run" in reply.text) == (400, True)
+    query = {"c": id_of(add_campaign(20, {"room": [1]})), "configuration": "room-1", "run": run}
+    reply = client.get("/live-run", params=query)
+    assert (reply.status_code, "run: expected a" in reply.text) == (400, True)
 
 
 def test_run_of_campaign_that_tells_no_request_is_a_sentence(client, running, id_of):
