@@ -10,9 +10,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from vastflow.oracles.judgement.verdict import Judgement, run_judgement
-from vastflow.oracles.results.schema import integers
-from vastflow.oracles.results.tables import run_keys
+from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, read_verdicts
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.names import did_you_mean
 
@@ -41,30 +40,23 @@ def around_run(directory: Path, configuration: str, run_index: int) -> Around:
         UnusableDirectory: a missing or damaged table, or an unknown configuration or run.
     """
     with reading(directory.name):
-        file = pq.ParquetFile(directory / "verdicts.parquet", read_dictionary=["configuration", "judgement"])
-        verdicts = file.read(columns=["configuration", "run_index", "judgement"])
         rows = pq.ParquetFile(directory / "configurations.parquet").read(columns=["name", "duplicate_of"])
-        row = configuration_row(directory, rows, configuration)
-        name = row["duplicate_of"] or configuration
-        said: dict[int, list[Judgement]] = {}
-        for each in verdicts.filter(pc.field("configuration") == name).to_pylist():
-            said.setdefault(each["run_index"], []).append(each["judgement"])
-        if run_index not in said:
-            known = f"0 to {max(said)}" if said else "of which it has none"
-            raise UnusableDirectory(f"{directory.name}: {name}: expected the number of a run, {known}, got {run_index}")
-        failed = verdicts.filter(pc.field("judgement") == "fail")
-        names = rows["name"].combine_chunks()
-        places = integers(pc.index_in(pc.cast(failed["configuration"], pa.string()), value_set=names))
-        keys, first = np.unique(run_keys(places, integers(failed["run_index"])), return_index=True)
-        here = run_keys(np.array([pc.index(names, name).as_py()]), np.array([run_index]))[0]
+        name = configuration_row(directory, rows, configuration)["duplicate_of"] or configuration
+        names: list[str] = rows["name"].to_pylist()
+        verdicts = read_verdicts(directory, names)
+    own, said = verdicts.rows_of(names.index(name)), verdicts.together
+    known = verdicts.run_index[own].tolist()
+    if run_index not in known:
+        numbers = f"0 to {known[-1]}" if known else "of which it has none"
+        raise UnusableDirectory(f"{directory.name}: {name}: expected the number of a run, {numbers}, got {run_index}")
 
-    def at(k: int) -> RunPlace | None:
-        if not 0 <= k < len(keys):
-            return None
-        return failed["configuration"][int(first[k])].as_py(), failed["run_index"][int(first[k])].as_py()
+    def place(row: int) -> RunPlace:
+        return names[verdicts.configuration[row]], int(verdicts.run_index[row])
 
-    before, after = at(int(np.searchsorted(keys, here)) - 1), at(int(np.searchsorted(keys, here, side="right")))
-    return Around(before, after, {run: run_judgement(said[run]) for run in sorted(said)})
+    failed, here = np.flatnonzero(said == FAIL), own.start + known.index(run_index)
+    before, after = ([*map(place, some.tolist())] for some in (failed[failed < here][-1:], failed[failed > here][:1]))
+    runs = dict(zip(known, (JUDGEMENTS[code] for code in said[own].tolist()), strict=True))
+    return Around(next(iter(before), None), next(iter(after), None), runs)
 
 
 def configuration_row(directory: Path, table: pa.Table, configuration: str) -> dict[str, Any]:

@@ -40,6 +40,8 @@ MOST_LINES: Final = 800
 MOST_AXES: Final = 12
 MOST_ROWS: Final = 200
 _ROWS: Final = 50
+_SHOWN_FACTORS: Final = 6
+"""Factors that the table shows at first."""
 _WAIT_S: Final = 0.05
 """Time that a request waits for paths; what is read meanwhile comes with the next."""
 _FORMATS: Final = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
@@ -115,7 +117,7 @@ def rows(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> R
     """Return a page of the selection's configurations."""
     start, count = number_of(request, "start", 0), min(number_of(request, "count", _ROWS), MOST_ROWS)
     sort, descending = request.query_params.get("sort", "rate"), request.query_params.get("order") == "descending"
-    shown = request.query_params.getlist("column") or facets.default_columns(campaign.facets)
+    shown = request.query_params.getlist("column") or campaign.facets.varying("factor")[:_SHOWN_FACTORS]
     found = facets.rows_json(campaign.table, mask, shown, sort, descending=descending, start=start, count=count)
     return json_reply(found)
 

@@ -1,6 +1,7 @@
 """The page of all campaigns: their rates, what changed from one to the next, and trends."""
 
 import hashlib
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,8 +14,16 @@ from starlette.routing import BaseRoute, Route
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.file_change import FileChange, file_change
 from vastflow.deployments.explorer.pages import Pages, address
-from vastflow.deployments.explorer.trend import Trend, trend_of
 from vastflow.oracles.statistics.intervals import Counts
+
+MOST_POINTS: Final = 30
+"""Campaigns in a drawing, the newest."""
+WIDTH_PX: Final = 260
+HEIGHT_PX: Final = 64
+_LEFT_PX: Final = 34
+_MARGIN_PX: Final = 8
+_STEP: Final = 0.1
+"""Steps of the ends of the scale."""
 
 Changes: TypeAlias = Callable[[CampaignDirectory, CampaignDirectory], FileChange]
 _KEPT: Final = 1000
@@ -39,6 +48,39 @@ class CampaignRow:
         """Number of faults, which are no failures of the system under test."""
         found = self.campaign.metadata.get("faults")
         return len(found) if isinstance(found, list) else 0
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A campaign in the drawing; places in pixels, y downwards."""
+
+    campaign: CampaignDirectory
+    counts: Counts
+    x_px: float
+    y_px: float
+    low_px: float
+    high_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """Success rates of the campaigns of one name, oldest first.
+
+    Attributes:
+        low, high: Ends of the scale, which the intervals are within.
+        left_out: Number of older campaigns that are not drawn.
+    """
+
+    name: str
+    points: tuple[Point, ...]
+    low: float
+    high: float
+    left_out: int
+
+    @property
+    def line(self) -> str:
+        """The points as SVG has them."""
+        return " ".join(f"{point.x_px:g},{point.y_px:g}" for point in self.points)
 
 
 def counts_of(campaign: CampaignDirectory) -> Counts | None:
@@ -67,6 +109,24 @@ def trends_of(rows: Sequence[CampaignRow]) -> list[Trend]:
         if row.counts is not None and row.counts.judged:
             series.setdefault(row.campaign.name, []).insert(0, (row.campaign, row.counts))
     return [trend_of(name, campaigns) for name, campaigns in series.items() if len(campaigns) > 1]
+
+
+def trend_of(name: str, campaigns: Sequence[tuple[CampaignDirectory, Counts]]) -> Trend:
+    """Return the trend of campaigns with judged runs, oldest first; at least one."""
+    drawn = campaigns[-MOST_POINTS:]
+    ends = [(counts.interval.low, counts.interval.high) for _, counts in drawn]
+    low = math.floor(round(min(low for low, _ in ends) / _STEP, 6)) * _STEP
+    high = math.ceil(round(max(high for _, high in ends) / _STEP, 6)) * _STEP
+    span_px, step_px = HEIGHT_PX - 2 * _MARGIN_PX, (WIDTH_PX - _LEFT_PX - 2 * _MARGIN_PX) / max(1, len(drawn) - 1)
+
+    def at(rate: float) -> float:
+        return round(HEIGHT_PX - _MARGIN_PX - span_px * (rate - low) / (high - low), 1)
+
+    points = []
+    for k, ((campaign, counts), end) in enumerate(zip(drawn, ends, strict=True)):
+        x_px = round(_LEFT_PX + _MARGIN_PX + k * step_px, 1)
+        points.append(Point(campaign, counts, x_px, at(counts.rate or 0.0), at(end[0]), at(end[1])))
+    return Trend(name, tuple(points), low, high, len(campaigns) - len(drawn))
 
 
 def version_of(found: Sequence[CampaignDirectory]) -> str:

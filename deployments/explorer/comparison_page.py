@@ -19,7 +19,7 @@ from vastflow.deployments.explorer.directories import CampaignDirectory, Directo
 from vastflow.deployments.explorer.file_change import file_change
 from vastflow.deployments.explorer.pages import Pages, address
 from vastflow.oracles.judgement.verdict import Judgement
-from vastflow.oracles.results.tables import CODES, Tables, read_tables
+from vastflow.oracles.results.tables import JUDGEMENTS, Tables, read_tables
 from vastflow.oracles.results.unusable import reading
 from vastflow.oracles.statistics.comparison import Change, RateDifference, Target
 from vastflow.sim.model.faults import UserError
@@ -34,7 +34,6 @@ TARGETS: Final[dict[str, Target]] = {name: name for name in get_args(Target)}
 _KEPT: Final = 3
 _KEPT_TABLES: Final = 2
 """Campaigns; one may take 100 MB, and a page with another question is of the same two."""
-_WORDS: Final[dict[int, Judgement]] = {code: word for word, code in CODES.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +138,7 @@ def changed(found: "Compared", question: Question, changes: list[Change]) -> Ite
             # The baseline is A there, as it is here.
             candidate = {"with": match.after, "withrun": now, "withc": question.after.id}
             place = address("/run", c=question.before.id, configuration=match.before, run=then, **candidate)
-            words = [_WORDS.get(int(side[k]), "not judged") for side in (before, after)]
+            words = [JUDGEMENTS.get(int(side[k]), "not judged") for side in (before, after)]
             runs.append(PairedRun(now, words[0], words[1], place))
         yield ChangedConfiguration(match.after, match.before, change, tuple(runs))
 

@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from vastflow.deployments.explorer.facets import by_configuration, rate
+from vastflow.deployments.explorer.facets import Chosen, rate_json
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages
 from vastflow.deployments.explorer.replies import arrays_reply, json_reply, name_of, unless_known
@@ -23,8 +23,9 @@ from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import signal_name, signals_of
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
-from vastflow.oracles.results.tables import CODES, FAIL, PASS
+from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, PASS
 from vastflow.oracles.results.unusable import reading
+from vastflow.oracles.statistics.intervals import Counts
 from vastflow.sim.model.blocks import read_block, read_rows
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.recording import run_of
@@ -37,7 +38,6 @@ _NO_SIGNALS: Final = (TIME, "x_m", "y_m", "estimated_x_m", "estimated_y_m", "loc
 _FIRST: Final = ("static_clearance_m", "wall_clearance_m", "localization_error_m", "speed_mps", "deviation_m")
 """Signals in the order in which one is shown at first."""
 _GIVEN: Final = ("factor", "path")
-_WORDS: Final = {code: word for word, code in CODES.items()}
 
 
 def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
@@ -91,17 +91,17 @@ def runs_and_neighbor(request: Request, campaign: Campaign, k: int) -> Response:
     for at in range(first, last):
         run = int(table.run_index[at])
         values = {name: value_of(table, name, at) for name in names}
-        runs.append({"run": run, "verdict": _WORDS[int(table.verdict[at])], "recorded": run in rows, **values})
+        runs.append({"run": run, "verdict": JUDGEMENTS[int(table.verdict[at])], "recorded": run in rows, **values})
         found = rows.get(run, {}).get("events", [])
         events += [{"run": run, **{key: each[key] for key in ("t_s", "kind", "x_m", "y_m", "what")}} for each in found]
-    counts = by_configuration(table, np.ones(len(table), dtype=np.bool_))
+    counts = Chosen(table, np.ones(len(table), dtype=np.bool_)).counts
     passed, failed, not_judged = counts[k].tolist()
     return json_reply(
         {
             "passed": passed,
             "failed": failed,
             "not_judged": not_judged,
-            "rate": rate(passed, failed),
+            **rate_json(Counts(passed, failed, not_judged)),
             "family": value_of(table, "family", first),
             "values": [
                 {"name": n, "value": value_of(table, n, first)} for n, c in table.columns.items() if c.group in _GIVEN

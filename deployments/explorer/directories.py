@@ -3,7 +3,7 @@
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
@@ -74,11 +74,8 @@ class Directories:
 
     def all(self) -> list[CampaignDirectory]:
         """Return every campaign directory, newest first."""
-        return self._in(self.roots)
-
-    def hidden(self) -> list[CampaignDirectory]:
-        """Return the campaign directories that are not listed, newest first."""
-        return self._in(self._hidden)
+        found = {path: directory_at(path) for root in self.roots for path in _below(root, DEEPEST)}
+        return sorted(found.values(), key=lambda each: (each.created, each.path.name), reverse=True)
 
     def find(self, id: str) -> CampaignDirectory:
         """Return the campaign directory with an id.
@@ -91,14 +88,11 @@ class Directories:
             self._paths = {_id(final_of(path)): path for root in roots for path in _below(root, DEEPEST)}
         if id not in self._paths:
             raise NoSuchCampaign("No campaign directory has this id; it may have been moved or removed.")
-        return _read(self._paths[id])
-
-    def _in(self, roots: Iterable[Path]) -> list[CampaignDirectory]:
-        found = {path: _read(path) for root in roots for path in _below(root, DEEPEST)}
-        return sorted(found.values(), key=lambda each: (each.created, each.path.name), reverse=True)
+        return directory_at(self._paths[id])
 
 
-def _read(path: Path) -> CampaignDirectory:
+def directory_at(path: Path) -> CampaignDirectory:
+    """Return the campaign directory of a path."""
     return _finished(path) if final_of(path) == path else _unfinished(path)
 
 
@@ -148,13 +142,7 @@ def _ends(file: Path) -> tuple[Event | None, Event | None]:
             *_, tail = [b"", *events.read().split(b"\n")[:-1]]
     except OSError:
         return None, None
-    found: list[Event | None] = []
-    for line in (head, tail):
-        try:
-            found.append(event_of(line))
-        except (ValueError, KeyError, TypeError, AttributeError):
-            found.append(None)
-    return found[0], found[1]
+    return event_of(head), event_of(tail)
 
 
 def _finished(path: Path) -> CampaignDirectory:

@@ -22,7 +22,7 @@ from vastflow.deployments.explorer.selection import (
 )
 from vastflow.oracles.results.factors import MOST_LEVELS
 from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS
-from vastflow.oracles.statistics.intervals import Counts, wilson_intervals
+from vastflow.oracles.statistics.intervals import Counts
 
 Kind: TypeAlias = Literal["values", "numbers", "constant", "places"]
 
@@ -32,7 +32,6 @@ MOST_VALUES: Final = 12
 MOST_REASONS: Final = 12
 _VERDICTS: Final = 3
 _NO_FACETS: Final = ("configuration", "run_index")
-_SHOWN_FACTORS: Final = 6
 _AXES: Final = ("factor", "path", "metric")
 _SAMPLE: Final = 1000
 _DIGITS: Final = 12
@@ -182,15 +181,14 @@ def _counts(cells: NDArray[Any], verdict: NDArray[np.int8], n: int) -> NDArray[n
 
 def _counts_json(counts: NDArray[np.int64]) -> dict[str, Any]:
     passed, failed, not_judged = counts.tolist()
-    ends = Counts(passed, failed, not_judged).interval
-    interval = [ends.low, ends.high] if passed + failed else None
     whole = {"passed": passed, "failed": failed, "not_judged": not_judged}
-    return {**whole, "rate": rate(passed, failed), "interval": interval}
+    return {**whole, **rate_json(Counts(passed, failed, not_judged))}
 
 
-def rate(passed: int, failed: int) -> float | None:
-    """Return the success rate; None where nothing was judged."""
-    return passed / (passed + failed) if passed + failed else None
+def rate_json(counts: Counts) -> dict[str, Any]:
+    """Return the success rate and its interval; None where nothing was judged."""
+    ends = counts.interval
+    return {"rate": counts.rate, "interval": [ends.low, ends.high] if counts.judged else None}
 
 
 def summary_json(table: RunTable, mask: Bools) -> dict[str, Any]:
@@ -205,11 +203,6 @@ def summary_json(table: RunTable, mask: Bools) -> dict[str, Any]:
     }
 
 
-def by_configuration(table: RunTable, mask: Bools) -> NDArray[np.int64]:
-    """Return the selected runs (configurations, 3) of each configuration and verdict."""
-    return _counts(table.configuration[mask], table.verdict[mask], len(table.configurations))
-
-
 def rows_json(
     table: RunTable, mask: Bools, shown: Sequence[str], sort: str, *, descending: bool, start: int, count: int
 ) -> dict[str, Any]:
@@ -220,11 +213,10 @@ def rows_json(
     Raises:
         BadFilter: a column that there is not.
     """
-    counts = by_configuration(table, mask)
+    counts = Chosen(table, mask).counts
     here = np.flatnonzero(counts.sum(axis=1))
     counts = counts[here]
     judged = counts[:, PASS] + counts[:, FAIL]
-    ends = wilson_intervals(counts[:, PASS], judged)
     rates = np.where(judged > 0, counts[:, PASS] / np.maximum(judged, 1), np.nan)
     given = {"rate": rates, "runs": counts.sum(axis=1), "failed": counts[:, FAIL], "not_judged": counts[:, NOT_JUDGED]}
     runs = np.flatnonzero(mask)
@@ -238,7 +230,6 @@ def rows_json(
         {
             "configuration": table.configurations[here[k]],
             **_counts_json(counts[k]),
-            "interval": ends[k].tolist() if judged[k] else None,
             "values": [_value(*found[name], k) for name in names],
         }
         for k in page.tolist()
@@ -348,11 +339,6 @@ def _most_frequent(table: RunTable, name: str, runs: NDArray[np.int64]) -> dict[
         for k in order[:MOST_REASONS].tolist()
     ]
     return {"rows": rows, "left_out": len(found) - len(rows)}
-
-
-def default_columns(facets: Facets) -> list[str]:
-    """Return the factors that a table of configurations shows at first."""
-    return facets.varying("factor")[:_SHOWN_FACTORS]
 
 
 def axes_of(facets: Facets, chosen: Filter) -> list[str]:

@@ -102,11 +102,8 @@ class StoredRun:
     verdicts: Sequence[Mapping[str, Any]] = field(repr=False)
 
 
-def stored_run(directory: Path, configuration: str, run_index: int, files: KeptFiles | None = None) -> StoredRun:
+def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun:
     """Read a run from a campaign directory.
-
-    Args:
-        files: Of the directory, if it was read before; to find a file it may read all of them.
 
     Raises:
         UnusableDirectory: an unknown configuration or run; a missing or damaged file.
@@ -118,13 +115,8 @@ def stored_run(directory: Path, configuration: str, run_index: int, files: KeptF
         verdicts = verdicts.filter(pc.field("run_index") == run_index).to_pylist()
         if not verdicts:
             raise UnusableDirectory(f"{directory.name}: {name} has no run {run_index}")
-        return StoredRun(
-            name,
-            run_index,
-            scenario_of_row(row, files or KeptFiles(directory)),
-            *_recorded(directory, name, run_index),
-            verdicts,
-        )
+        scenario = scenario_of_row(row, KeptFiles(directory))
+        return StoredRun(name, run_index, scenario, *_recorded(directory, name, run_index), verdicts)
 
 
 _Recorded: TypeAlias = tuple[Recording | None, Trace | None, Mapping[str, NDArray[np.int32]]]

@@ -2,9 +2,10 @@
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, Final
 
+from vastflow.deployments.explorer.facets import rate_json
 from vastflow.flows.terminal.following import fault_text, progress_of
 from vastflow.flows.terminal.progress import Meter, duration_text, pace_words, phase_text
 from vastflow.oracles.results.events import LAST, Event
@@ -19,17 +20,6 @@ MOST_RECENT: Final = 600
 _LETTERS: Final = {"pass": "p", "fail": "f"}
 
 
-@dataclass(frozen=True, slots=True)
-class LostRun:
-    """A run that failed or was not judged."""
-
-    configuration: str
-    run: int
-    judgement: str
-    reason: str
-    at: str
-
-
 class LiveCampaign:
     """The state of a campaign by the events so far."""
 
@@ -40,7 +30,7 @@ class LiveCampaign:
         self._progress: Progress | None = None
         self._families: list[Mapping[str, Any]] = []
         self._meter: Meter | None = None
-        self._lost: dict[tuple[str, int], LostRun] = {}
+        self._lost: dict[tuple[str, int], dict[str, Any]] = {}
         self._recent: deque[str] = deque(maxlen=MOST_RECENT)
         self._faults: list[str] = []
         self._notices: list[str] = []
@@ -84,7 +74,8 @@ class LiveCampaign:
             self._lost.pop(key, None)  # a run that is judged again has the later judgement
             if judgement != "pass":
                 reason = str(values["reason"] or "")
-                self._lost[key] = LostRun(*key, judgement, reason, event.at.isoformat(timespec="seconds"))
+                told = {"judgement": judgement, "reason": reason, "at": event.at.isoformat(timespec="seconds")}
+                self._lost[key] = {"configuration": key[0], "run": key[1], **told}
 
     def state(self, now_s: float) -> dict[str, Any]:
         """Return the state as JSON values; of long lists the newest, with the number of all.
@@ -101,7 +92,7 @@ class LiveCampaign:
             "progress": None if self._progress is None else asdict(self._progress),
             "families": [_family(each) for each in self._families],
             "recent": "".join(self._recent),
-            "lost": [asdict(run) for run in lost],
+            "lost": lost,
             "lost_total": len(self._lost),
             "faults": self._faults[: -MOST_TOLD - 1 : -1],
             "faults_total": len(self._faults),
@@ -123,6 +114,4 @@ class LiveCampaign:
 
 def _family(told: Mapping[str, Any]) -> dict[str, Any]:
     """Return the progress of a family, with its rate; None where nothing was judged."""
-    counts = Counts(int(told["passed"]), int(told["failed"]), int(told["not_judged"]))
-    ends = counts.interval
-    return {**told, "rate": counts.rate, "interval": [ends.low, ends.high] if counts.judged else None}
+    return {**told, **rate_json(Counts(int(told["passed"]), int(told["failed"]), int(told["not_judged"])))}

@@ -2,27 +2,39 @@
 
 import asyncio
 import json
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from datetime import datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+from pydantic import ValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
-from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
+from vastflow.deployments.explorer.directories import CampaignDirectory, Directories, directory_at
 from vastflow.deployments.explorer.live import LiveCampaign
 from vastflow.deployments.explorer.pages import Pages, address
-from vastflow.deployments.explorer.preview import Previews
 from vastflow.deployments.explorer.replies import name_of, number_of
+from vastflow.flows.request.run_request import RunRequest
 from vastflow.oracles.results.events import LAST, Event, EventReader, gone_event
 from vastflow.oracles.results.unfinished import ask_to_stop, place_of
+from vastflow.oracles.results.unusable import UnusableDirectory
+from vastflow.sim.model.digest import digest
 
 EVERY_S: Final = 0.5
 HEARTBEAT_S: Final = 15.0
+PATIENCE_S: Final = 120
+_WHOLE: Final = "[!.]*"
+_SHARED: Final = ("store", "map_dir", "as_v1")
+"""Options that decide which runs a configuration has, and where they are."""
 
 
 class Follower:
@@ -47,6 +59,50 @@ class Follower:
             except (KeyError, TypeError, ValueError):
                 self.damaged += 1
         return {**self.live.state(time.time()), "damaged": self.damaged + reader.damaged, "whole": whole}
+
+
+class Previews:
+    """Directories of single configurations, written from the store when they are asked for, and removed with this object."""
+
+    def __init__(self, directories: Directories) -> None:
+        self._directories = directories
+        self._folder: TemporaryDirectory[str] | None = None
+        self._lock = threading.Lock()
+
+    def of(self, campaign: CampaignDirectory, configuration: str, run_index: int) -> CampaignDirectory:
+        """Return a finished directory with the runs of a configuration up to `run_index`; some seconds the first time.
+
+        Raises:
+            UnusableDirectory: the events don't tell how the campaign was begun, or a run is not judged yet.
+        """
+        with self._lock:
+            if self._folder is None:
+                self._folder = TemporaryDirectory(prefix="vastflow-")
+                self._directories.hide(Path(self._folder.name))
+            place = Path(self._folder.name).resolve() / digest(campaign.id, configuration, run_index)[:16]
+            if not any(place.glob(_WHOLE)):
+                _fetch(campaign, configuration, run_index, place)
+            return directory_at(next(place.glob(_WHOLE)))
+
+
+def _fetch(campaign: CampaignDirectory, configuration: str, run_index: int, place: Path) -> None:
+    """Write a preview in a process of its own, as a campaign's plug-ins don't belong into the server."""
+    events = EventReader(campaign.path).new()
+    try:
+        values = events[0].values
+        asked = RunRequest.model_validate(values["request"]).model_dump(include={*_SHARED})
+        own = {"campaign": values["file"], "only": (configuration,), "runs": run_index + 1, "results": str(place)}
+        request, folder = RunRequest.model_validate({**asked, **own}), str(values["folder"])
+    except (LookupError, ValidationError):
+        raise UnusableDirectory(f"{campaign.name}: its events don't tell how it was begun.") from None
+    command = [sys.executable, "-m", "vastflow.flows.run.stored", request.model_dump_json()]
+    try:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        wrong = (done.stderr.strip().splitlines() or ["no reason given"])[-1] if done.returncode else ""
+    except (OSError, subprocess.TimeoutExpired) as error:
+        wrong = str(error)
+    if wrong:
+        raise UnusableDirectory(f"{configuration}, run {run_index}, can't be had from the store: {wrong}")
 
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:

@@ -1,7 +1,6 @@
 """Opened campaigns: their tables in memory, a few at a time, read anew when a file changes."""
 
 import threading
-from collections import OrderedDict
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -61,7 +60,7 @@ class OpenedCampaigns:
 
     def __init__(self, directories: Directories) -> None:
         self._directories = directories
-        self._opened: OrderedDict[str, Campaign] = OrderedDict()
+        self._opened: dict[str, Campaign] = {}
         self._lock = threading.Lock()
 
     def find(self, id: str) -> CampaignDirectory:
@@ -78,16 +77,15 @@ class OpenedCampaigns:
         directory = self.find(id)
         with self._lock:
             stamp = _stamp(directory.path)
-            known = self._opened.get(id)
-            if known is not None and known.stamp == stamp and known.directory.path == directory.path:
-                self._opened.move_to_end(id)
-                return known
-            if known is not None:
-                self._opened.pop(id).trajectories.close()
-            self._opened[id] = found = _opened(directory, stamp)
-            while len(self._opened) > _KEPT:
-                self._opened.popitem(last=False)[1].trajectories.close()
-            return found
+            known = self._opened.pop(id, None)
+            if known is None or (known.stamp, known.directory.path) != (stamp, directory.path):
+                if known is not None:
+                    known.trajectories.close()
+                known = _opened(directory, stamp)
+            self._opened[id] = known
+            if len(self._opened) > _KEPT:
+                self._opened.pop(next(iter(self._opened))).trajectories.close()
+            return known
 
 
 def _opened(directory: CampaignDirectory, stamp: Stamp) -> Campaign:

@@ -1,9 +1,11 @@
 """The page of a run: its replay, the frames of its recording, and the layers of its execution."""
 
 import asyncio
-import functools
+import threading
+import weakref
+from concurrent.futures import Future
 from pathlib import Path
-from typing import Any
+from typing import Final
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -12,22 +14,64 @@ from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.around import around_run
 from vastflow.deployments.explorer.directories import Directories
-from vastflow.deployments.explorer.kept_layers import KeptLayers
 from vastflow.deployments.explorer.pages import Pages
 from vastflow.deployments.explorer.replies import ARRAYS, name_of, number_of
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
-from vastflow.tasks.engine.executor import WorkerDied
+from vastflow.tasks.engine.executor import Priority, WorkerDied
+from vastflow.tasks.engine.pool import Pool
+
+KEPT_RUNS: Final = 8
+"""Runs whose compressed layers stay in memory, some megabytes each."""
+
+
+def _prepared() -> None:
+    # Imported where runs are executed: kernels would take the server two seconds and 150 MB.
+    import vastflow.deployments.explorer.layers  # noqa: F401
+
+
+def _layers(directory: Path, configuration: str, run_index: int) -> bytes:
+    from vastflow.deployments.explorer.layers import compressed_layers
+
+    return compressed_layers(directory, configuration, run_index)
+
+
+class KeptLayers:
+    """The layers of runs, executed in a process of their own; those of the last runs are kept."""
+
+    def __init__(self) -> None:
+        self._asked: dict[tuple[Path, str, int], Future[bytes]] = {}
+        self._lock = threading.Lock()
+        self._pool: Pool | None = None
+
+    def prepare(self) -> None:
+        """Start the process, so that it is ready when layers are asked for."""
+        with self._lock:
+            if self._pool is None:
+                self._running().prepare(_prepared)
+
+    def _running(self) -> Pool:
+        if self._pool is None:
+            self._pool = Pool(1)
+            # At the interpreter's exit the pool ends by itself, before finalizers could ask for it.
+            weakref.finalize(self, self._pool.close).atexit = False
+        return self._pool
+
+    def layers(self, directory: Path, configuration: str, run_index: int) -> "Future[bytes]":
+        """Return the compressed layers of a run; the future may raise `UnusableDirectory` or `WorkerDied`."""
+        key = directory, configuration, run_index
+        with self._lock:
+            known = self._asked.pop(key, None)
+            if known is None or (known.done() and known.exception()):
+                known = self._running().submit(_layers, *key, priority=Priority.EXECUTE)
+            self._asked[key] = known
+            if len(self._asked) > KEPT_RUNS:
+                del self._asked[next(iter(self._asked))]
+            return known
 
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page."""
     kept = KeptLayers()
-
-    @functools.lru_cache(maxsize=8)
-    def files_of(directory: Path, written_ns: int) -> Any:
-        from vastflow.oracles.results.executed import KeptFiles  # a second of imports
-
-        return KeptFiles(directory)
 
     def run(request: Request) -> Response:
         campaign = directories.find(name_of(request, "c"))
@@ -54,8 +98,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
 
         campaign = directories.find(name_of(request, "c"))
         configuration = name_of(request, "configuration")
-        files = files_of(campaign.path, campaign.path.stat().st_mtime_ns)
-        stored = stored_run(campaign.path, configuration, number_of(request, "run"), files)
+        stored = stored_run(campaign.path, configuration, number_of(request, "run"))
         kept.prepare()
         with reading(campaign.path.name):
             return Response(frames_of(stored, configuration), media_type=ARRAYS)

@@ -12,7 +12,7 @@ from vastflow.oracles.figures.scene import read_walks, zones_of
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
-from vastflow.oracles.results.tables import CODES, Tables
+from vastflow.oracles.results.tables import JUDGEMENTS, Tables
 from vastflow.sim.world.map_file import load_map
 
 if TYPE_CHECKING:
@@ -67,10 +67,9 @@ def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong:
     situation, zones = situation_of(scenario), zones_of([scenario])
     if walks is None:
         raise ValueError(f"{tables.directory} has no recording of it")
-    words: dict[int, Judgement] = {code: word for word, code in CODES.items()}
     shown = [run for run in range(len(walks.run_index)) if int(walks.run_index[run]) in judged]
     paths: Sequence[tuple[Judgement, NDArray[Any]]] = [
-        (words.get(judged[int(walks.run_index[run])], "not judged"), walks.line(run)) for run in shown
+        (JUDGEMENTS.get(judged[int(walks.run_index[run])], "not judged"), walks.line(run)) for run in shown
     ]
     indices = [int(walks.run_index[run]) for run in shown]
     chosen = indices.index(strong) if strong in indices else None

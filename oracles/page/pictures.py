@@ -19,7 +19,7 @@ from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.page.section import Picture
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
-from vastflow.oracles.results.tables import CODES, Tables
+from vastflow.oracles.results.tables import CODES, JUDGEMENTS, Tables
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.world.difference import world_of
@@ -117,8 +117,7 @@ def case_picture(tables: Tables, configuration: int, files: KeptFiles) -> Pictur
         return None
     own = verdicts.rows_of(configuration)
     rows = own.start + np.searchsorted(verdicts.run_index[own], walks.run_index)
-    words = {code: judgement for judgement, code in CODES.items()}
-    paths = [(words[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
+    paths = [(JUDGEMENTS[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
     figure = _on_map(tables, configuration, files, paths, walks.spawned)
     return picture(f"case-{name}", "", f"Trajectories of {name} on its map", "", figure)
 

@@ -44,14 +44,13 @@ class Event:
         return json.dumps(row, ensure_ascii=True, separators=(",", ":")).encode() + b"\n"
 
 
-def event_of(line: bytes) -> Event:
-    """Return the event of a line.
-
-    Raises:
-        ValueError, KeyError, TypeError, AttributeError: it is none.
-    """
-    row = json.loads(line)
-    return Event(datetime.fromisoformat(row.pop("at")), str(row.pop("event")), row)
+def event_of(line: bytes) -> Event | None:
+    """Return the event of a line; None if it is none."""
+    try:
+        row = json.loads(line)
+        return Event(datetime.fromisoformat(row.pop("at")), str(row.pop("event")), row)
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return None
 
 
 class EventReader:
@@ -82,26 +81,22 @@ class EventReader:
         Raises:
             OSError: the file can't be read.
         """
-        found: list[Event] = []
         place = place_of(self.directory)
         self._looks = 0 if place is not None and is_running(place) else self._looks + 1
         if place is None:
-            return found
+            return []
         try:
             # After the look at the process, which may have written its last line since.
             with open(place / EVENTS, "rb") as file:
                 file.seek(self._read)
                 content = file.read()
         except FileNotFoundError:  # not begun, or renamed between two looks
-            return found
+            return []
         self._read += len(content)
         *lines, self._half = (self._half + content).split(b"\n")
-        for line in filter(None, lines):
-            try:
-                found.append(event_of(line))
-            except (ValueError, KeyError, TypeError, AttributeError):
-                self.damaged += 1
-        return found
+        told = [event_of(line) for line in lines if line]
+        self.damaged += told.count(None)
+        return [event for event in told if event is not None]
 
 
 def follow(directory: str | Path, poll_s: float = _POLL_S) -> Iterator[Event]:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CODES: Final[Mapping[Judgement, int]] = {"pass": 0, "fail": 1, "not judged": 2}
+JUDGEMENTS: Final[Mapping[int, Judgement]] = {code: judgement for judgement, code in CODES.items()}
 ABSENT: Final = 3
 """Code of a run that an oracle says nothing of."""
 PASS, FAIL, NOT_JUDGED = CODES.values()
@@ -264,6 +265,18 @@ class Tables:
         return families
 
 
+def read_verdicts(directory: Path, names: list[str]) -> VerdictTable:
+    """Read the verdicts of a campaign directory with configurations `names`; metrics are read when they are asked for.
+
+    Raises:
+        Unreadable: the table is missing or damaged.
+        ValueError: it does not suit `names`.
+    """
+    file = directory / "verdicts.parquet"
+    verdicts = read_columns(file, "configuration", "family", "oracle", "judgement", "reason", without=METRICS)
+    return VerdictTable(verdicts, names, file)
+
+
 def read_tables(directory: Path) -> Tables:
     """Read the tables of the campaign directory `directory` (design §7).
 
@@ -272,8 +285,7 @@ def read_tables(directory: Path) -> Tables:
         ValueError: one is damaged.
     """
     configurations = ConfigurationTable(read_columns(directory / "configurations.parquet"))
-    file = directory / "verdicts.parquet"
-    verdicts = read_columns(file, "configuration", "family", "oracle", "judgement", "reason", without=METRICS)
+    verdicts = read_verdicts(directory, configurations.names)
     metadata = read_json(directory / "metadata.json")
     if (
         not isinstance(metadata, dict)
@@ -288,5 +300,5 @@ def read_tables(directory: Path) -> Tables:
         configurations=configurations,
         rejections=read_columns(directory / "rejections.parquet").to_pylist(),
         runs=read_columns(directory / "runs.parquet", "configuration", "family", "outcome", "reason", without="seed"),
-        verdicts=VerdictTable(verdicts, configurations.names, file),
+        verdicts=verdicts,
     )

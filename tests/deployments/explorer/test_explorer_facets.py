@@ -8,8 +8,8 @@ import pytest
 from vastflow.deployments.explorer.configuration_page import neighbor
 from vastflow.deployments.explorer.facets import (
     BINS,
+    Chosen,
     Facets,
-    by_configuration,
     points,
     reasons_json,
     rows_json,
@@ -170,7 +170,7 @@ def test_reasons_are_counted_with_an_example(table):
 
 
 def test_neighbor_passes_more_often_and_differs_least(table):
-    counts = by_configuration(table, np.ones(len(table), dtype=bool))
+    counts = Chosen(table, np.ones(len(table), dtype=bool)).counts
     rates = counts[:, 0] / counts[:, :2].sum(axis=1)
     worst = int(rates.argmin())
     found = neighbor(table, counts, worst)

@@ -10,9 +10,9 @@ import pytest
 from synthetic import walled_room, write_map
 from unpacked import unpacked
 
-from vastflow.deployments.explorer import kept_layers
-from vastflow.deployments.explorer.kept_layers import KeptLayers
+from vastflow.deployments.explorer import run_page
 from vastflow.deployments.explorer.layers import Points, Watched, layers_of
+from vastflow.deployments.explorer.run_page import KeptLayers
 from vastflow.oracles.replay.recorded import RecordedRun
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
@@ -152,7 +152,7 @@ class DonePool:
 def kept(monkeypatch: pytest.MonkeyPatch) -> tuple[KeptLayers, list[tuple[str, int]]]:
     """Layers that are done at once, and the runs that were executed."""
     pool = DonePool(1)
-    monkeypatch.setattr(kept_layers, "Pool", lambda workers: pool)
+    monkeypatch.setattr(run_page, "Pool", lambda workers: pool)
     return KeptLayers(), pool.asked
 
 

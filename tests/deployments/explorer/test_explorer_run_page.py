@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from unpacked import unpacked
 
-from vastflow.deployments.explorer import kept_layers
+from vastflow.deployments.explorer import run_page
 from vastflow.deployments.explorer.around import around_run
 from vastflow.oracles.results.unusable import UnusableDirectory
 
@@ -25,7 +25,7 @@ class NoPool:
 
 @pytest.fixture(autouse=True)
 def no_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_layers, "Pool", NoPool)
+    monkeypatch.setattr(run_page, "Pool", NoPool)
 
 
 def of(campaign: str, **others: object) -> dict[str, object]:
