@@ -1,7 +1,7 @@
 """Views of selected runs: rates, facets, pages of configurations, points, and reasons."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
@@ -45,8 +45,7 @@ class Facet:
     Attributes:
         edges: (BINS + 1,) of `numbers`; empty otherwise.
         values: Texts of `values` and the one of `constant`, None for a missing value.
-        cells: (R,) index of the bin or value; missing numbers are in the bin after the last. (configurations,) where `is_given`.
-        is_given: True if all runs of a configuration are in one cell, as with factors.
+        cells: (R,) index of the bin or value; missing numbers are in the bin after the last.
     """
 
     column: Column
@@ -54,7 +53,6 @@ class Facet:
     edges: NDArray[np.float64] = field(repr=False)
     values: tuple[str | None, ...] = field(repr=False)
     cells: NDArray[np.int32] = field(repr=False)
-    is_given: bool = False
 
     @property
     def size(self) -> int:
@@ -64,13 +62,12 @@ class Facet:
 
 def facet_of(column: Column) -> Facet:
     """Return the facet of a column: few distinct numbers are values, more of them bins."""
-    none, nowhere = np.zeros(0), np.zeros(0, dtype=np.int32)
     if column.levels is not None:
         used = np.unique(np.where(column.values < 0, len(column.levels), column.values))  # missing ones come last
         names: list[str | None] = [*column.levels, None]
         names = [names[k] for k in used.tolist()]
         if any(name is not None and is_place(name) for name in names[:2]) and len(used) > 1:
-            return Facet(column, "places", none, (), nowhere)
+            return Facet(column, "places", np.zeros(0), (), np.zeros(0, dtype=np.int32))
         return _of_values(column, names, np.searchsorted(used, column.values % (len(column.levels) + 1)))
     missing = ~np.isfinite(column.values)
     finite = column.values[~missing]
@@ -93,14 +90,6 @@ def _of_values(column: Column, names: Sequence[str | None], cells: NDArray[Any])
     return Facet(column, kind, np.zeros(0), tuple(names), cells.astype(np.int32))
 
 
-def by_given(facet: Facet, configuration: NDArray[np.int64]) -> Facet:
-    """Return a facet whose cells are those of configurations (R,) where it can be."""
-    first = np.searchsorted(configuration, np.arange(int(configuration.max(initial=-1)) + 1))
-    if not len(facet.cells) or not np.array_equal(facet.cells[first][configuration], facet.cells):
-        return facet
-    return replace(facet, cells=facet.cells[first], is_given=True)
-
-
 class Chosen:
     """Some runs of a table, counted.
 
@@ -116,10 +105,7 @@ class Chosen:
 
     def of(self, facet: Facet) -> NDArray[np.int64]:
         """Return the runs (cells, 3) of each cell and verdict."""
-        if not facet.is_given:
-            return _counts(facet.cells[self.runs], self.verdict, facet.size)
-        sums = [np.bincount(facet.cells, weights=of, minlength=facet.size) for of in self.counts.T]
-        return np.stack(sums, axis=1).astype(np.int64)
+        return _counts(facet.cells[self.runs], self.verdict, facet.size)
 
 
 class Facets:
@@ -127,8 +113,7 @@ class Facets:
 
     def __init__(self, table: RunTable) -> None:
         self.table = table
-        found = ((name, facet_of(each)) for name, each in self.table.columns.items() if name not in _NO_FACETS)
-        self.facets = {name: by_given(facet, self.table.configuration) for name, facet in found}
+        self.facets = {name: facet_of(each) for name, each in table.columns.items() if name not in _NO_FACETS}
 
     def json(self, chosen: Filter) -> dict[str, Any]:
         """Return the counts of each facet among the runs that pass the conditions on the other columns."""

@@ -4,7 +4,7 @@ import io
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
@@ -221,9 +221,7 @@ class Trajectories:
             self._changed.wait_for(lambda: reading.problem or reading.done == len(reading.configurations), wait_s)
             if len(reading.parts) > 1:
                 reading.parts = [joined(reading.parts)]
-            return _Reading(
-                reading.configurations, reading.floor, reading.problem, reading.done, reading.damaged, [*reading.parts]
-            )
+            return replace(reading, parts=[*reading.parts])
 
     def _run(self, environment: str) -> None:
         reading = self._readings[environment]
@@ -265,7 +263,8 @@ def layer(
     """
     chosen = np.flatnonzero(mask[paths.row])
     total = len(chosen)
-    header = {"layer": shown, "runs": total, "minimum": MINIMUM_VISITS, "grid": grid_json(grid)}
+    cells = {"origin": list(grid.origin_xy_m), "cell": grid.cell_m, "rows": grid.shape[0], "columns": grid.shape[1]}
+    header = {"layer": shown, "runs": total, "minimum": MINIMUM_VISITS, "grid": cells}
     if shown == "rate" or total > (MOST_PATHS if shown == "paths" else MOST_ENDS):
         return {**header, "form": "grid"}, _grid(paths, table, mask, grid, shown)
     names, own = run_arrays(table, paths.row[chosen])
@@ -276,11 +275,6 @@ def layer(
     starts = np.r_[0, np.cumsum(lengths)]
     at = np.repeat(paths.starts[chosen] - starts[:-1], lengths) + np.arange(starts[-1])
     return told, {"xy": paths.xy_m[at], "starts": starts.astype(np.int32), **own}
-
-
-def grid_json(grid: FailureGrid) -> dict[str, Any]:
-    """Return a grid as the page reads it."""
-    return {"origin": list(grid.origin_xy_m), "cell": grid.cell_m, "rows": grid.shape[0], "columns": grid.shape[1]}
 
 
 def _grid(paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: Layer) -> dict[str, NDArray[Any]]:

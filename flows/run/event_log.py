@@ -72,13 +72,14 @@ class EventLog:
     def begin(self, name: str, file: Path, request: RunRequest) -> None:
         """Write the first event, and go on in a thread."""
         self._tally.keep_changes()
-        values: dict[str, Any] = {
-            "name": name,
+        places = {
             "file": str(file.absolute()),
             "directory": str(self.directory.final.absolute()),
+            "folder": os.getcwd(),
         }
-        values |= {"folder": os.getcwd(), "request": request.model_dump(mode="json", exclude_defaults=True)}
-        self._append([self._event("began", **values, process=os.getpid(), host=platform.node())])
+        asked = request.model_dump(mode="json", exclude_defaults=True)
+        began = self._event("began", name=name, **places, request=asked, process=os.getpid(), host=platform.node())
+        self._append([began])
         self._thread.start()
 
     def close(self, last: EventName, **values: Any) -> None:
@@ -88,8 +89,7 @@ class EventLog:
                 return
             self._over = True
         self._end.set()
-        if self._thread.ident is not None and self._thread is not threading.current_thread():
-            self._thread.join()
+        self._thread.join()
         began_s = time.thread_time()
         events = self._changes(now=True)
         cost_s = round(self._cpu_s + time.thread_time() - began_s, 4)
