@@ -196,7 +196,7 @@ def table(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
 
 
 def write_selected(campaign: Campaign, mask: Bools, place: Path) -> None:
-    """Write the selected rows of the table of all runs as CSV or parquet, some at a time to save memory."""
+    """Write the selected runs as CSV or parquet, some rows at a time to save memory."""
     file, start = campaign.directory.path / WIDE_FILE, 0
     if file.is_file():
         batches = pq.ParquetFile(file).iter_batches(_ROWS_A_BATCH)
