@@ -1,17 +1,20 @@
 """The page of a campaign: facets, map, table, scatter, and parallel coordinates of a selection of its runs."""
 
-import io
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import asdict
+from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any, Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
+from starlette.background import BackgroundTask
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import FileResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer import facets, trajectories
@@ -29,7 +32,6 @@ from vastflow.deployments.explorer.selection import (
     parse_filter,
     python_of,
 )
-from vastflow.oracles.results.schema import read_columns
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.results.unusable import reading
 from vastflow.sim.model.faults import UserError
@@ -42,6 +44,7 @@ MOST_ROWS: Final = 200
 _ROWS: Final = 50
 _SHOWN_FACTORS: Final = 6
 """Factors that the table shows at first."""
+_ROWS_A_BATCH: Final = 8192
 _WAIT_S: Final = 0.05
 """Time that a request waits for paths; what is read meanwhile comes with the next."""
 _FORMATS: Final = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
@@ -172,27 +175,38 @@ def table(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
     form = request.query_params.get("format", "csv")
     if form not in _FORMATS:
         raise HTTPException(400, f"format: expected csv or parquet, got {form!r}")
-    with reading(campaign.directory.path):
-        found = selected(campaign, mask)
-    out = io.BytesIO()
-    if form == "csv":
-        pyarrow.csv.write_csv(found, out)
-    else:
-        pq.write_table(found, out, compression="zstd")
-    name = f"{campaign.directory.id}-{len(found)}-runs.{form}"  # an id is safe in a header
-    return Response(
-        out.getvalue(), media_type=_FORMATS[form], headers={"Content-Disposition": f'attachment; filename="{name}"'}
-    )
+    with NamedTemporaryFile(prefix="vastflow-", suffix=f".{form}", delete=False) as file:
+        place = Path(file.name)
+    removed = BackgroundTask(place.unlink, missing_ok=True)
+    try:
+        with reading(campaign.directory.path):
+            write_selected(campaign, mask, place)
+    except UserError:
+        place.unlink()
+        raise
+    name = f"{campaign.directory.id}-{int(mask.sum())}-runs.{form}"
+    return FileResponse(place, media_type=_FORMATS[form], filename=name, background=removed)
 
 
-def selected(campaign: Campaign, mask: Bools) -> pa.Table:
-    """Return the rows of the campaign's table of all runs that are selected."""
-    file = campaign.directory.path / WIDE_FILE
+def write_selected(campaign: Campaign, mask: Bools, place: Path) -> None:
+    """Write the selected runs as CSV or parquet, some rows at a time to save memory."""
+    file, start = campaign.directory.path / WIDE_FILE, 0
     if file.is_file():
-        found = read_columns(file)
+        batches = pq.ParquetFile(file).iter_batches(_ROWS_A_BATCH)
     else:
         from vastflow.oracles.evidence.wide import wide_table
 
-        found = pa.Table.from_pandas(wide_table(read_tables(campaign.directory.path)), preserve_index=False)
-    plain = [pc.cast(each, pa.string()) if pa.types.is_dictionary(each.type) else each for each in found.columns]
-    return pa.table(plain, names=found.column_names).filter(pa.array(mask))
+        joined = pa.Table.from_pandas(wide_table(read_tables(campaign.directory.path)), preserve_index=False)
+        batches = iter(joined.to_batches())
+    with ExitStack() as stack:
+        writer = None
+        for batch in batches:
+            plain = [
+                pc.cast(each, pa.string()) if pa.types.is_dictionary(each.type) else each for each in batch.columns
+            ]
+            part = pa.table(plain, names=batch.schema.names).filter(pa.array(mask[start : start + len(batch)]))
+            start += len(batch)
+            if writer is None:
+                kind = pyarrow.csv.CSVWriter if place.suffix == ".csv" else pq.ParquetWriter
+                writer = stack.enter_context(kind(place, part.schema))
+            writer.write_table(part)

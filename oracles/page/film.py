@@ -49,7 +49,7 @@ class Film:
 
 
 def cause_film(tables: Tables, count: CauseCount, files: KeptFiles) -> Film | None:
-    """The film of a cause's example run; None without map or recording, or if it is too long.
+    """The example run of a cause; None without map or recording, or where it is too large.
 
     It is drawn from the recording, so that nothing is executed, and a report has the same film on every host.
     """

@@ -85,7 +85,7 @@ def main() -> None:
         browser = opened(page)
         ids = {each.path: each.id for each in directories.all()}
         before, after = (ids[path.resolve()] for path in (asked.baseline, asked.candidate))
-        run = {"c": after, "configuration": asked.configuration, "run": asked.run, "t": 20, "paused": 1}
+        run = {"c": after, "configuration": asked.configuration, "run": asked.run, "t": 20, "paused": 1, "layers": 1}
         views = {
             "campaigns": "/",
             "comparison": f"/compare?{urlencode({'a': before, 'b': after})}",
@@ -98,6 +98,7 @@ def main() -> None:
         browser.ask("Page.navigate", url=f"{root}/?token=pictures")
         time.sleep(asked.wait)
         for name, address in views.items():
+            picture(browser, root + address, asked.wait)  # layers are executed once, and kept
             save(picture(browser, root + address, asked.wait), asked.to / f"explorer-{name}.png")
         frames = []
         for t_s in FILM:
