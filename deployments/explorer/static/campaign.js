@@ -1,11 +1,10 @@
 /** The page of a campaign: one selection, and views of it that follow. */
 import { showParallel, showPython, showScatter } from "./campaign_charts.js";
-import { verdictKey } from "./chart.js";
-import { address, element, fetchJson, showError } from "./dom.js";
+import { VERDICTS, verdictKey } from "./colors.js";
+import { address, element, fetchJson, fetchPacked, link, note, showError, shown, tableOf } from "./dom.js";
 import { showFacets } from "./facets.js";
 import { MapView } from "./map.js";
-import { fetchPacked } from "./packed.js";
-import { changed, conditionWords, count, filterText, interval, percent, VERDICTS } from "./selection.js";
+import { changed, conditionWords, count, filterText, interval, percent } from "./selection.js";
 import { showTable } from "./table.js";
 
 const ROWS = 50;
@@ -54,11 +53,6 @@ function remember() {
 const view = (name, more = {}) => address(`/api/${name}`, { c, f: state.f || null, ...more });
 const ask = (name, more = {}) => fetchJson(view(name, more), { signal: waiting.signal });
 
-/** Run a view; its error takes its place. */
-function shown(place, view) {
-  return view().catch((error) => showError(place, error));
-}
-
 function choose(column, condition) {
   select(changed(told?.conditions ?? [], column, condition));
 }
@@ -100,7 +94,7 @@ const muted = (text) => element("span", { class: "muted" }, text);
 function showSummary() {
   const { summary } = told;
   const parts = [summary.passed, summary.failed, summary.not_judged].map((n, k) => {
-    return element("span", { class: VERDICTS[k].name.replace(" ", "-") }, `${count(n)} ${VERDICTS[k].word}`);
+    return element("span", { class: VERDICTS[k].color }, `${count(n)} ${VERDICTS[k].word}`);
   });
   const rate = summary.rate === null ? "Nothing was judged" : `${percent(summary.rate)} passed`;
   // Runs that were chosen by their result tell nothing of the rate.
@@ -110,11 +104,8 @@ function showSummary() {
   const size = `${of(summary.runs, summary.all_runs)} runs, ${configurations} configurations`;
   const chips = told.conditions.map((each) => {
     const click = () => choose(each.column, null);
-    return element(
-      "button",
-      { class: "chip", click, "aria-label": `Remove: ${conditionWords(each)}` },
-      `${conditionWords(each)} ✕`,
-    );
+    const words = conditionWords(each);
+    return element("button", { class: "chip", click, "aria-label": `Remove: ${words}` }, `${words} ✕`);
   });
   const files = ["csv", "parquet"].map((format) => {
     const to = address("/api/table", { c, f: state.f || null, format });
@@ -137,48 +128,25 @@ const showRows = () =>
   });
 
 function showReasons() {
-  const { reasons } = told;
-  const lists = [
-    ["cause", "Causes"],
-    ["reason", "Reasons"],
-  ].flatMap(([column, title]) => {
-    const rows = reasons[column].rows.map((row) => {
-      const only = () => choose(column, { column, values: [row.value] });
-      const button = element(
-        "button",
-        { class: "link", click: only, title: "Select these runs" },
-        row.value ?? "none was found",
-      );
-      const example = element("a", { href: runAddress(row.configuration, row.run) }, "example");
-      const cells = [button, count(row.runs), count(row.configurations), example];
-      return element("tr", {}, ...cells.map((each, k) => element("td", { class: k ? "n" : "" }, each)));
+  const lists = Object.entries({ cause: "Causes", reason: "Reasons" }).flatMap(([column, title]) => {
+    const { rows, left_out: hidden } = told.reasons[column];
+    const cells = rows.map(({ value, runs, configurations, configuration, run }) => {
+      const click = () => choose(column, { column, values: [value] });
+      const attributes = { class: "link", click, title: "Select these runs" };
+      const button = element("button", attributes, value ?? "none was found");
+      return [button, count(runs), count(configurations), link(runAddress(configuration, run), "example")];
     });
-    const more = reasons[column].left_out
-      ? [element("p", { class: "muted" }, `${count(reasons[column].left_out)} more, less frequent`)]
-      : [];
-    const heads = [title, "Runs", "Configurations", ""].map((each, k) => element("th", { class: k ? "n" : "" }, each));
-    const table = element(
-      "table",
-      {},
-      element("thead", {}, element("tr", {}, ...heads)),
-      element("tbody", {}, ...rows),
-    );
-    return rows.length ? [table, ...more] : [];
+    const table = tableOf([title, "Runs", "Configurations", ""], cells, ["", "n", "n", "n"]).firstChild;
+    return rows.length ? [table, ...(hidden ? [note(`${count(hidden)} more, less frequent`)] : [])] : [];
   });
-  const none = element("p", { class: "muted" }, "No selected run failed.");
-  $("reasons").replaceChildren(
-    element("h2", {}, "Why runs failed"),
-    element("div", { class: "scroll" }, ...(lists.length ? lists : [none])),
-  );
+  const box = element("div", { class: "scroll" }, ...(lists.length ? lists : [note("No selected run failed.")]));
+  $("reasons").replaceChildren(element("h2", {}, "Why runs failed"), box);
 }
 
 const showMap = () =>
   shown($("map"), async () => {
     if (!told.maps.length) {
-      $("map").replaceChildren(
-        element("h2", {}, "Map"),
-        element("p", { class: "muted" }, "These scenarios have no map."),
-      );
+      $("map").replaceChildren(element("h2", {}, "Map"), note("These scenarios have no map."));
       return;
     }
     if (!told.maps.some(({ id }) => id === state.map)) state.map = null;
@@ -187,19 +155,17 @@ const showMap = () =>
     const content = await fetchPacked(view("paths", { environment, layer: state.layer }), { signal: waiting.signal });
     const { header } = content;
     await map.show(content, address("/api/map.png", { c, environment }));
-    const note = $("map").querySelector(".note");
-    const damaged = header.damaged ? ` ${count(header.damaged)} recordings are damaged.` : "";
-    const part =
-      header.read < header.configurations_here
-        ? ` Read so far: ${count(header.read)} of ${count(header.configurations_here)} configurations.`
-        : "";
-    const dense =
-      header.form === "grid" && header.layer !== "rate"
-        ? " Too many to draw each, so their number in each cell is shown."
-        : "";
-    note.textContent =
-      header.problem || `${count(header.runs ?? 0)} recorded runs on this map.${dense}${part}${damaged}`;
-    if (part && !header.problem) {
+    const { read, configurations_here: all, damaged } = header;
+    const words = [
+      `${count(header.runs ?? 0)} recorded runs on this map.`,
+      header.form === "grid" &&
+        header.layer !== "rate" &&
+        "Too many to draw each, so their number in each cell is shown.",
+      read < all && `Read so far: ${count(read)} of ${count(all)} configurations.`,
+      damaged && `${count(damaged)} recordings are damaged.`,
+    ];
+    $("map").querySelector(".note").textContent = header.problem || words.filter(Boolean).join(" ");
+    if (read < all && !header.problem) {
       const { signal } = waiting;
       setTimeout(() => signal.aborted || showMap(), AGAIN_MS);
     }
@@ -212,12 +178,8 @@ function startMap(environment) {
       remember();
       showMap();
     };
-    return element(
-      "label",
-      {},
-      element("input", { type: "radio", name: "layer", checked: layer === state.layer, change }),
-      title,
-    );
+    const choice = element("input", { type: "radio", name: "layer", checked: layer === state.layer, change });
+    return element("label", {}, choice, title);
   });
   const choices = told.maps.map(({ id, name: title, failed }) => {
     return element("option", { value: id, selected: id === environment }, `${title} (${count(failed)} failed)`);

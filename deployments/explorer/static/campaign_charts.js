@@ -1,9 +1,9 @@
 /** The parts of a campaign's page that are folded at first: scatter, parallel coordinates, and the program. */
-import { parallelChart, scatterChart, verdictKey, widthIn } from "./chart.js";
-import { address, element } from "./dom.js";
-import { fetchPacked } from "./packed.js";
+import { parallelChart, scatterChart, widthIn } from "./chart.js";
+import { VERDICTS, verdictKey } from "./colors.js";
+import { address, element, fetchPacked, link, note } from "./dom.js";
 import { saveButtons } from "./save.js";
-import { changed, count, VERDICTS } from "./selection.js";
+import { changed, count } from "./selection.js";
 
 /**
  * What charts need of the page.
@@ -17,58 +17,43 @@ import { changed, count, VERDICTS } from "./selection.js";
  * @property {() => void} again Shows the chart anew after a change of the state.
  */
 
-/**
- * @param {HTMLElement} place
- * @param {Page} page
- */
+/** @param {HTMLElement} place @param {Page} page */
 export async function showScatter(place, { c, name, state, told, signal, select, again }) {
-  const numbers = told.columns.map((each) => each.name);
-  state.x = numbers.includes(state.x)
-    ? state.x
-    : (told.columns.find(({ group }) => group === "factor")?.name ?? numbers[0]);
-  state.y = numbers.includes(state.y)
-    ? state.y
-    : (told.columns.find(({ group }) => group === "metric")?.name ?? numbers[0]);
-  if (!state.x || !state.y) return place.replaceChildren(element("p", { class: "muted" }, "No column varies."));
+  const names = told.columns.map((each) => each.name);
+  const first = (group) => told.columns.find((each) => each.group === group)?.name ?? names[0];
+  if (!names.includes(state.x)) state.x = first("factor");
+  if (!names.includes(state.y)) state.y = first("metric");
+  if (!names.length) return place.replaceChildren(note("No column varies."));
   const pick = (axis) => {
     const change = (event) => {
       state[axis] = event.target.value;
       again();
     };
-    const options = numbers.map((each) => element("option", { selected: each === state[axis] }, each));
+    const options = names.map((each) => element("option", { selected: each === state[axis] }, each));
     return element("label", {}, `${axis} `, element("select", { change }, ...options));
   };
-  const names = new URLSearchParams([
-    ["c", c],
-    ["f", state.f],
-    ["column", state.x],
-    ["column", state.y],
-  ]);
-  const { header, arrays } = await fetchPacked(`/api/points?${names}`, { signal });
-  const [first, second] = header.columns.map((each, k) => ({ ...each, values: arrays[`column${k}`] }));
-  const { configuration: names1, run: runs, verdict: verdicts } = arrays;
-  const line = element("p", { class: "muted" }, "A point tells its run; a dragged rectangle selects.");
+  const query = new URLSearchParams({ c, f: state.f });
+  for (const axis of [state.x, state.y]) query.append("column", axis);
+  const { header, arrays } = await fetchPacked(`/api/points?${query}`, { signal });
+  const [column, other] = header.columns.map((each, k) => ({ ...each, values: arrays[`column${k}`] }));
+  const line = note("A point tells its run; a dragged rectangle selects.");
   const tell = (k) => {
-    const configuration = header.configurations[names1[k]];
-    const link = element(
-      "a",
-      { href: address("/run", { c, configuration, run: runs[k] }) },
-      `${configuration}, run ${runs[k]}`,
-    );
-    line.replaceChildren(link, `: ${VERDICTS[verdicts[k]].word}`);
+    const [configuration, run] = [header.configurations[arrays.configuration[k]], arrays.run[k]];
+    const opened = link(address("/run", { c, configuration, run }), `${configuration}, run ${run}`);
+    line.replaceChildren(opened, `: ${VERDICTS[arrays.verdict[k]].word}`);
   };
-  const chart = scatterChart(widthIn(place), first, second, verdicts, tell, (x, y) => {
+  const chart = scatterChart(widthIn(place), column, other, arrays.verdict, tell, (x, y) => {
     const ends = [x, y].map((range, k) => rangeOf(header.columns[k], range)).filter(Boolean);
     select(ends.reduce((conditions, each) => changed(conditions, each.column, each), told.conditions));
   });
-  const saved = saveButtons(`${name}-scatter`, () => chart);
-  place.replaceChildren(
-    element("div", { class: "tools" }, pick("x"), pick("y"), ...saved),
-    chart,
-    verdictKey(),
-    sampled(header),
-    line,
+  const tools = element(
+    "div",
+    { class: "tools" },
+    pick("x"),
+    pick("y"),
+    ...saveButtons(`${name}-scatter`, () => chart),
   );
+  place.replaceChildren(tools, chart, verdictKey(), sampled(header), line);
 }
 
 /** The condition of a range on an axis, texts by their places. */
@@ -85,51 +70,31 @@ function scrolled(chart) {
 }
 
 const sampled = ({ shown: n, total }) =>
-  element(
-    "p",
-    { class: "muted" },
-    n < total ? `${count(n)} of ${count(total)} runs, evenly chosen.` : `All ${count(n)} selected runs.`,
-  );
+  note(n < total ? `${count(n)} of ${count(total)} runs, evenly chosen.` : `All ${count(n)} selected runs.`);
 
-/**
- * @param {HTMLElement} place
- * @param {Page} page
- */
+/** @param {HTMLElement} place @param {Page} page */
 export async function showParallel(place, { c, name, state, told, signal, select }) {
   const { header, arrays } = await fetchPacked(address("/api/points", { c, f: state.f || null }), { signal });
-  if (!header.columns.length)
-    return place.replaceChildren(element("p", { class: "muted" }, "No column varies in the selection."));
+  if (!header.columns.length) return place.replaceChildren(note("No column varies in the selection."));
   const columns = header.columns.map((each, k) => ({ ...each, values: arrays[`column${k}`] }));
   const chart = parallelChart(widthIn(place, columns.length), columns, arrays.verdict, (k, ends) => {
     const condition = rangeOf(columns[k], ends);
     if (condition) select(changed(told.conditions, columns[k].name, condition));
   });
-  const hidden = [
-    ...(header.constant.length ? [`The same in the selection: ${header.constant.join(", ")}.`] : []),
-    ...(header.left_out.length ? [`Not drawn for want of room: ${header.left_out.join(", ")}.`] : []),
-    "Values below an axis were not measured. Drag along an axis to select a range.",
-  ].map((text) => element("p", { class: "muted" }, text));
-  place.replaceChildren(
-    element("div", { class: "tools" }, ...saveButtons(`${name}-parallel`, () => chart)),
-    scrolled(chart),
-    verdictKey(),
-    sampled(header),
-    ...hidden,
-  );
+  const notes = [note("Values below an axis were not measured. Drag along an axis to select a range.")];
+  if (header.left_out.length) notes.unshift(note(`Not drawn for want of room: ${header.left_out.join(", ")}.`));
+  if (header.constant.length) notes.unshift(note(`The same in the selection: ${header.constant.join(", ")}.`));
+  const tools = element("div", { class: "tools" }, ...saveButtons(`${name}-parallel`, () => chart));
+  place.replaceChildren(tools, scrolled(chart), verdictKey(), sampled(header), ...notes);
 }
 
-/**
- * @param {HTMLElement} place
- * @param {Page} page
- */
+/** @param {HTMLElement} place @param {Page} page */
 export async function showPython(place, { told }) {
   const copied = element("span", { class: "muted", "aria-live": "polite" });
-  const click = async () => {
-    const done = await navigator.clipboard.writeText(told.python).then(
-      () => true,
-      () => false,
+  const click = () =>
+    navigator.clipboard.writeText(told.python).then(
+      () => (copied.textContent = " copied"),
+      () => (copied.textContent = " The browser does not let this page copy; select the text."),
     );
-    copied.textContent = done ? " copied" : " The browser does not let this page copy; select the text.";
-  };
   place.replaceChildren(element("pre", {}, told.python), element("button", { click }, "Copy"), copied);
 }

@@ -1,7 +1,7 @@
 /** Charts as SVG: points of two columns, lines over time, and parallel coordinates; with brushes. */
-import { drawn, element } from "./dom.js";
-import { onDrag, ordered } from "./drag.js";
-import { number, VERDICTS } from "./selection.js";
+import { VERDICTS } from "./colors.js";
+import { drawn, onDrag, ordered } from "./dom.js";
+import { number } from "./selection.js";
 
 const HEIGHT = 320;
 const LEFT = 58;
@@ -120,7 +120,7 @@ export function scatterChart(width, column, other, verdicts, tell, choose) {
   at.forEach(([x, y], k) => {
     if (Number.isFinite(x) && Number.isFinite(y)) parts[verdicts[k]].push(`M${x.toFixed(1)} ${y.toFixed(1)}h0`);
   });
-  const dots = parts.map((part, k) => drawn("path", { d: part.join(""), class: `dots stroke-${k}` }));
+  const dots = parts.map((part, k) => drawn("path", { d: part.join(""), class: `dots ${VERDICTS[k].color}` }));
   const band = drawn("rect", { class: "band", width: 0, height: 0 });
   const chart = svgOf(width, `${other.name} over ${column.name}`, ...lines, ...dots, band);
   const mark = (from, to) => {
@@ -145,19 +145,11 @@ export function scatterChart(width, column, other, verdicts, tell, choose) {
  * @param {number} width In pixels.
  * @param {string} xName
  * @param {string} yName
- * @param {Float32Array} x
- * @param {Float32Array} y
- * @param {Int32Array} starts
- * @param {Uint8Array} verdicts
+ * @param {any} arrays Of the reply: x, y, starts, and the verdicts of runs.
  * @param {(run: number, x: number, y: number) => void} tell
- * @returns {SVGElement}
  */
-export function lineChart(width, xName, yName, x, y, starts, verdicts, tell) {
-  const { scale, lines } = frame(
-    width,
-    { name: xName, values: x, levels: null },
-    { name: yName, values: y, levels: null },
-  );
+export function lineChart(width, xName, yName, { x, y, starts, verdict: verdicts }, tell) {
+  const { scale, lines } = frame(width, { name: xName, values: x }, { name: yName, values: y });
   const parts = [[], [], []];
   verdicts.forEach((verdict, run) => {
     let pen = "M";
@@ -167,7 +159,7 @@ export function lineChart(width, xName, yName, x, y, starts, verdicts, tell) {
     }
   });
   const order = [2, 0, 1];
-  const shown = order.map((k) => drawn("path", { d: parts[k].join(""), class: `line stroke-${k}` }));
+  const shown = order.map((k) => drawn("path", { d: parts[k].join(""), class: `line ${VERDICTS[k].color}` }));
   const chart = svgOf(width, `${yName} over ${xName}`, ...lines, ...shown);
   chart.addEventListener("pointermove", (event) => {
     const nearest = nearestTo(placeIn(chart, event), x.length, (k) => [scale.x(x[k]), scale.y(y[k])]);
@@ -195,7 +187,7 @@ export function parallelChart(width, columns, verdicts, choose) {
     // Missing values have a place of their own below the axis.
     const at = columns.map(({ values }, k) => (Number.isNaN(values[run]) ? bottom + 14 : y(k, values[run])));
     const d = `M${at.map((place, k) => `${x(k).toFixed(1)} ${place.toFixed(1)}`).join("L")}`;
-    return drawn("path", { d, class: `stroke-${verdict}` });
+    return drawn("path", { d, class: VERDICTS[verdict].color });
   });
   const alpha = Math.min(Math.max(4 / Math.sqrt(verdicts.length), 0.06), 0.7);
   const lines = drawn("g", { class: "threads", "stroke-opacity": alpha }, ...threads);
@@ -225,16 +217,3 @@ export function parallelChart(width, columns, verdicts, choose) {
 
 /** @returns {number} Width of a chart in a part of the page, with room for some axes. */
 export const widthIn = (place, axes = 4) => Math.max(70 * axes, Math.min(place.clientWidth, 900));
-
-/** @returns {HTMLElement} Colors of the verdicts. */
-export function verdictKey() {
-  const parts = VERDICTS.map(({ word }, k) => {
-    const swatch = drawn(
-      "svg",
-      { viewBox: "0 0 10 10", width: 10, height: 10 },
-      drawn("rect", { width: 10, height: 10, class: `fill-${k}` }),
-    );
-    return element("span", {}, swatch, ` ${word}`);
-  });
-  return element("p", { class: "key muted" }, ...parts);
-}

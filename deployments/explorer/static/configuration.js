@@ -1,10 +1,10 @@
 /** The page of a configuration: its runs over each other, their signals and events, and its nearest neighbor. */
-import { lineChart, rangeOf, verdictKey, widthIn } from "./chart.js";
-import { address, element, fetchJson, showError } from "./dom.js";
+import { VERDICTS, verdictKey, verdictMark } from "./colors.js";
+import { lineChart, rangeOf, widthIn } from "./chart.js";
+import { address, element, fetchJson, fetchPacked, link, note, showError, shown, tableOf } from "./dom.js";
 import { MapView } from "./map.js";
-import { fetchPacked } from "./packed.js";
 import { saveButtons } from "./save.js";
-import { count, number, percent, VERDICTS } from "./selection.js";
+import { count, filterText, number, percent } from "./selection.js";
 
 const query = new URLSearchParams(location.search);
 const [c, name] = [query.get("c"), query.get("name")];
@@ -13,81 +13,46 @@ const OVER = { t_s: "time (s)", distance_m: "distance driven (m)" };
 const ROOM_M = 1;
 const $ = (id) => document.getElementById(id);
 const runAddress = (configuration, run, t = null) => address("/run", { c, configuration, run, t });
-const words = { pass: "passed", fail: "failed", "not judged": "not judged" };
-
-const remember = () =>
-  history.replaceState(
-    null,
-    "",
-    address("/configuration", { c, name, signal: state.signal, over: state.over === "t_s" ? null : state.over }),
-  );
-
-function shown(place, view) {
-  return view().catch((error) => showError(place, error));
-}
 
 /** A value as a text; places and lists are folded. */
 function text(value) {
-  if (value === null) return "–";
-  if (typeof value === "number") return number(value);
+  if (value === null || typeof value === "number") return number(value);
   if (!/^[[{]./.test(value) || value.length < 30) return value;
   return element("details", {}, element("summary", {}, value[0] === "[" ? "list" : "place"), value);
 }
 
-/** @returns {HTMLElement} A table in a box that scrolls by itself. */
-function tableOf(heads, rows) {
-  const head = element("thead", {}, element("tr", {}, ...heads.map((each) => element("th", { scope: "col" }, each))));
-  const body = rows.map((row) =>
-    element("tr", {}, ...row.map((each) => element("td", {}, each instanceof Node ? each : text(each)))),
-  );
-  return element("div", { class: "scroll" }, element("table", {}, head, element("tbody", {}, ...body)));
-}
+/** Show a part of the page below its title. */
+const fill = (id, title, ...children) => $(id).replaceChildren(element("h2", {}, title), ...children);
 
 function showRuns(found) {
   const rows = found.runs.map((run) => {
-    const link = run.recorded ? element("a", { href: runAddress(name, run.run) }, `Run ${run.run}`) : `Run ${run.run}`;
-    const verdict = element("span", { class: run.verdict.replace(" ", "-") }, words[run.verdict]);
-    return [link, verdict, run.outcome, run.cause ?? "", run.reason ?? "", run.simulated_s, run.distance_m];
+    const opened = run.recorded ? link(runAddress(name, run.run), `Run ${run.run}`) : `Run ${run.run}`;
+    const words = [run.outcome, run.cause ?? "", run.reason ?? "", run.simulated_s, run.distance_m];
+    return [opened, verdictMark(run.verdict), ...words.map(text)];
   });
   const heads = ["Run", "Verdict", "Outcome", "Cause", "Reason", "Time (s)", "Distance (m)"];
-  $("runs").replaceChildren(element("h2", {}, "Runs"), tableOf(heads, rows));
+  fill("runs", "Runs", tableOf(heads, rows));
 }
 
-function showEvents(found) {
-  const rows = found.events.map((event) => {
-    const link = element(
-      "a",
-      { href: runAddress(name, event.run, event.t_s) },
-      `Run ${event.run}, ${number(event.t_s)} s`,
-    );
-    return [link, event.kind.replaceAll("_", " "), event.what];
+function showEvents({ events }) {
+  const rows = events.map(({ run, t_s: t, kind, what }) => {
+    return [link(runAddress(name, run, t), `Run ${run}, ${number(t)} s`), kind.replaceAll("_", " "), text(what)];
   });
-  const none = element("p", { class: "muted" }, "No event was recorded.");
-  const list = rows.length ? tableOf(["When", "Event", "What"], rows) : none;
+  const list = rows.length ? tableOf(["When", "Event", "What"], rows) : note("No event was recorded.");
   const title = element("summary", {}, `Events (${count(rows.length)})`);
   $("events").replaceChildren(element("details", { open: rows.length <= 30 }, title, list));
 }
 
 function showNeighbor({ neighbor, rate }) {
-  const passes = neighbor ? neighbor.passes : rate !== 1;
-  const title = element("h2", {}, `Nearest configuration that ${passes ? "passes" : "fails"}`);
-  if (!neighbor) {
-    $("neighbor").replaceChildren(
-      title,
-      element("p", { class: "muted" }, `No other configuration ${passes ? "passes" : "fails"} more often.`),
-    );
-    return;
-  }
-  const link = element("a", { href: address("/configuration", { c, name: neighbor.name }) }, neighbor.name);
-  const judged = neighbor.passed + neighbor.failed;
-  const line = element(
-    "p",
-    {},
-    link,
-    `: ${count(neighbor.passed)} of ${count(judged)} judged runs passed. ${neighbor.differences.length} values differ, ${neighbor.equal} are equal.`,
-  );
-  const rows = neighbor.differences.map((each) => [each.name, each.own, each.other]);
-  $("neighbor").replaceChildren(title, line, tableOf(["Value", "Here", "There"], rows));
+  const passes = (neighbor ? neighbor.passes : rate !== 1) ? "passes" : "fails";
+  const title = `Nearest configuration that ${passes}`;
+  if (!neighbor) return fill("neighbor", title, note(`No other configuration ${passes} more often.`));
+  const { name: other, passed, failed, differences, equal } = neighbor;
+  const judged = `: ${count(passed)} of ${count(passed + failed)} judged runs passed. `;
+  const differ = `${differences.length} values differ, ${equal} are equal.`;
+  const line = element("p", {}, link(address("/configuration", { c, name: other }), other), judged, differ);
+  const rows = differences.map((each) => [each.name, text(each.own), text(each.other)]);
+  fill("neighbor", title, line, tableOf(["Value", "Here", "There"], rows));
 }
 
 /** The part of a map with some points (x, y), and some room round it. */
@@ -99,116 +64,77 @@ function extentOf(points, whole) {
   return ends.map((end, k) => (k % 2 ? Math.min(end, whole[k]) : Math.max(end, whole[k])));
 }
 
-const showMap = (found) =>
-  shown($("map"), async () => {
-    const content = await fetchPacked(address("/api/configuration/paths", { c, name }));
-    const { header } = content;
-    if (!header.floor || header.form === "nothing") {
-      $("map").replaceChildren(element("h2", {}, "Map"), element("p", { class: "muted" }, header.problem));
-      return;
-    }
-    $("map").replaceChildren(element("h2", {}, "Map"));
-    const map = new MapView($("map"), `${name}-map`, runAddress);
-    const contacts = found.events.filter(({ kind }) => kind === "contact");
-    const { start, goals, obstacles } = found.around;
-    const marks = (shape, places) => places.map(([x, y]) => ({ shape, x, y }));
-    const met = contacts.map((event) => [event.x_m, event.y_m]);
-    map.marks = [...marks("ring", start ? [start] : []), ...marks("diamond", goals), ...marks("cross", met)];
-    map.outlines = obstacles;
-    $("map").append(
-      verdictKey(),
-      element(
-        "p",
-        { class: "muted" },
-        `${count(header.runs)} recorded runs from start (○) to goal (◇); ${count(contacts.length)} contacts (✕); ${count(obstacles.length)} obstacles.`,
-      ),
-    );
-    map.extent = extentOf([...content.arrays.xy, ...(start ?? []), ...goals.flat()], header.floor.extent);
-    await map.show(content, address("/api/map.png", { c, environment: header.environment }));
-  });
-
-const showSignals = (found) =>
-  shown($("signals"), async () => {
-    const title = element("h2", {}, "Signals");
-    if (!found.signals.length) {
-      $("signals").replaceChildren(title, element("p", { class: "muted" }, "No run of it was recorded."));
-      return;
-    }
-    if (!found.signals.includes(state.signal)) state.signal = found.signals[0];
-    const place = address("/api/configuration/signals", { c, name, signal: state.signal, over: state.over });
-    const { arrays } = await fetchPacked(place);
-    const { x, y, starts, run: runs, verdict: verdicts } = arrays;
-    const line = element("p", { class: "muted" }, "A line tells its run.");
-    const chart = lineChart(
-      widthIn($("signals")) - 24,
-      OVER[state.over],
-      state.signal,
-      x,
-      y,
-      starts,
-      verdicts,
-      (k, at, value) => {
-        const t = state.over === "t_s" ? number(at) : null;
-        const link = element("a", { href: runAddress(name, runs[k], t) }, `Run ${runs[k]}`);
-        line.replaceChildren(link, `: ${VERDICTS[verdicts[k]].word}, ${number(value)} at ${number(at)}`);
-      },
-    );
-    const pick = (key, options) => {
-      const change = (event) => {
-        state[key] = event.target.value;
-        remember();
-        showSignals(found);
-      };
-      return element(
-        "select",
-        { change, "aria-label": key },
-        ...options.map(([value, words]) => element("option", { value, selected: value === state[key] }, words)),
-      );
-    };
-    const signals = found.signals.map((each) => [each, each]);
-    const tools = [
-      pick("signal", signals),
-      " over ",
-      pick("over", Object.entries(OVER)),
-      ...saveButtons(`${name}-${state.signal}`, () => chart),
-    ];
-    const focus = document.activeElement?.getAttribute("aria-label");
-    $("signals").replaceChildren(title, element("div", { class: "tools" }, ...tools), chart, verdictKey(), line);
-    if (focus)
-      /** @type {HTMLElement | null} */ (
-        $("signals").querySelector(`select[aria-label="${CSS.escape(focus)}"]`)
-      )?.focus();
-  });
-
-async function start() {
-  try {
-    const found = await fetchJson(address("/api/configuration", { c, name }));
-    const judged = found.passed + found.failed;
-    const rate = judged
-      ? `${percent(found.rate)} passed (${count(found.passed)} of ${count(judged)} judged runs)`
-      : "Nothing was judged";
-    const f = `configuration=${encodeURIComponent(name).replace(/[!*]/g, (sign) => (sign === "!" ? "%21" : "%2A"))}`;
-    const all = element("a", { href: address("/campaign", { c, f }) }, "select it in the campaign");
-    const others = found.not_judged ? `, ${count(found.not_judged)} not judged` : "";
-    $("summary").replaceChildren(
-      element(
-        "p",
-        { class: "headline" },
-        element("b", {}, rate + others),
-        element("span", { class: "muted" }, `family ${found.family}`),
-        all,
-      ),
-    );
-    showRuns(found);
-    showEvents(found);
-    showNeighbor(found);
-    const values = found.values.filter(({ value }) => value !== null).map(({ name: key, value }) => [key, value]);
-    $("values").replaceChildren(element("h2", {}, "Values"), tableOf(["Name", "Value"], values));
-    await Promise.all([showMap(found), showSignals(found)]);
-  } catch (error) {
-    showError($("error"), error);
-  }
-  document.documentElement.dataset.shown = "1";
+async function showMap(found) {
+  const content = await fetchPacked(address("/api/configuration/paths", { c, name }));
+  const { header } = content;
+  if (!header.floor || header.form === "nothing") return fill("map", "Map", note(header.problem));
+  fill("map", "Map");
+  const map = new MapView($("map"), `${name}-map`, runAddress);
+  const contacts = found.events.filter(({ kind }) => kind === "contact").map(({ x_m, y_m }) => [x_m, y_m]);
+  const { start, goals, obstacles } = found.around;
+  const marks = (shape, places) => places.map(([x, y]) => ({ shape, x, y }));
+  map.marks = [...marks("ring", start ? [start] : []), ...marks("diamond", goals), ...marks("cross", contacts)];
+  map.outlines = obstacles;
+  const runs = `${count(header.runs)} recorded runs from start (○) to goal (◇)`;
+  const met = `${count(contacts.length)} contacts (✕); ${count(obstacles.length)} obstacles.`;
+  $("map").append(verdictKey(), note(`${runs}; ${met}`));
+  map.extent = extentOf([...content.arrays.xy, ...(start ?? []), ...goals.flat()], header.floor.extent);
+  await map.show(content, address("/api/map.png", { c, environment: header.environment }));
 }
 
-start();
+async function showSignals({ signals }) {
+  if (!signals.length) return fill("signals", "Signals", note("No run of it was recorded."));
+  if (!signals.includes(state.signal)) state.signal = signals[0];
+  const { arrays } = await fetchPacked(address("/api/configuration/signals", { c, name, ...state }));
+  const line = note("A line tells its run.");
+  const width = widthIn($("signals")) - 24;
+  const chart = lineChart(width, OVER[state.over], state.signal, arrays, (k, at, value) => {
+    const run = arrays.run[k];
+    const opened = link(runAddress(name, run, state.over === "t_s" ? number(at) : null), `Run ${run}`);
+    line.replaceChildren(opened, `: ${VERDICTS[arrays.verdict[k]].word}, ${number(value)} at ${number(at)}`);
+  });
+  const pick = (key, options) => {
+    const change = (event) => {
+      state[key] = event.target.value;
+      history.replaceState(null, "", address("/configuration", { c, name, ...state }));
+      shown($("signals"), () => showSignals({ signals }));
+    };
+    const made = options.map(([value, words]) => element("option", { value, selected: value === state[key] }, words));
+    return element("select", { change, "aria-label": key }, ...made);
+  };
+  const picks = [
+    pick(
+      "signal",
+      signals.map((each) => [each, each]),
+    ),
+    " over ",
+    pick("over", Object.entries(OVER)),
+  ];
+  const tools = element("div", { class: "tools" }, ...picks, ...saveButtons(`${name}-${state.signal}`, () => chart));
+  const focus = document.activeElement.getAttribute("aria-label");
+  fill("signals", "Signals", tools, chart, verdictKey(), line);
+  [...tools.querySelectorAll("select")].find((each) => each.ariaLabel === focus)?.focus();
+}
+
+function showSummary({ passed, failed, rate, not_judged: others, family }) {
+  const judged = passed + failed;
+  const share = `${percent(rate)} passed (${count(passed)} of ${count(judged)} judged runs)`;
+  const words = `${judged ? share : "Nothing was judged"}${others ? `, ${count(others)} not judged` : ""}`;
+  const all = address("/campaign", { c, f: filterText([{ column: "configuration", values: [name] }]) });
+  const parts = [element("b", {}, words), element("span", { class: "muted" }, `family ${family}`)];
+  $("summary").replaceChildren(element("p", { class: "headline" }, ...parts, link(all, "select it in the campaign")));
+}
+
+try {
+  const found = await fetchJson(address("/api/configuration", { c, name }));
+  showSummary(found);
+  showRuns(found);
+  showEvents(found);
+  showNeighbor(found);
+  const values = found.values.filter(({ value }) => value !== null).map((each) => [each.name, text(each.value)]);
+  fill("values", "Values", tableOf(["Name", "Value"], values));
+  await Promise.all([shown($("map"), () => showMap(found)), shown($("signals"), () => showSignals(found))]);
+} catch (error) {
+  showError($("error"), error);
+}
+document.documentElement.dataset.shown = "1";

@@ -1,19 +1,13 @@
 /** The side bar: values with rates, histograms with a brush, and a search of names. */
-import { drawn, element } from "./dom.js";
-import { onDrag, ordered } from "./drag.js";
-import { breakable, count, interval, number, percent, VERDICTS } from "./selection.js";
+import { partsBar, VERDICTS } from "./colors.js";
+import { drawn, element, note, onDrag, ordered } from "./dom.js";
+import { breakable, count, interval, number, percent } from "./selection.js";
 
 /** What a run without a value is called. */
 const MISSING = { verdict: "not judged", run: "none", metric: "not measured", factor: "not given", path: "not known" };
 const WIDTH = 240;
 const HEIGHT = 48;
-const GROUPS = [
-  ["verdict", "Verdicts"],
-  ["factor", "Factors"],
-  ["path", "Drawn paths"],
-  ["run", "Runs"],
-  ["metric", "Metrics"],
-];
+const GROUPS = { verdict: "Verdicts", factor: "Factors", path: "Drawn paths", run: "Runs", metric: "Metrics" };
 
 /**
  * Show all facets in an element; which groups are open and what has the focus stay as they are.
@@ -23,45 +17,41 @@ const GROUPS = [
  * @param {(column: string, condition: import("./selection.js").Condition | null) => void} choose
  */
 export function showFacets(place, found, conditions, choose) {
-  const closed = new Set([...place.querySelectorAll("details:not([open])")].map((each) => each.dataset.group));
-  const focus = document.activeElement instanceof HTMLElement ? document.activeElement.dataset.key : undefined;
+  const open = new Map([...place.querySelectorAll("details")].map((each) => [each.dataset.group, each.open]));
+  const focus = document.activeElement.dataset.key;
   const of = new Map(conditions.map((each) => [each.column, each]));
-  const first = place.childElementCount === 0;
-  const groups = GROUPS.map(([group, title]) => {
+  const folded = (group, title, n, otherwise, ...children) => {
+    const summary = element("summary", {}, `${title} (${n})`);
+    return element("details", { "data-group": group, open: open.get(group) ?? otherwise }, summary, ...children);
+  };
+  const groups = Object.entries(GROUPS).flatMap(([group, title]) => {
     const own = found.facets.filter((facet) => facet.group === group);
-    const shown = own.map((facet) => (facet.kind === "values" ? values : histogram)(facet, of.get(facet.name), choose));
-    const open = first ? group !== "metric" || own.some((facet) => of.has(facet.name)) : !closed.has(group);
-    return element(
-      "details",
-      { "data-group": group, open },
-      element("summary", {}, `${title} (${own.length})`),
-      ...shown,
-    );
+    const facets = own.map((facet) => {
+      const condition = of.get(facet.name);
+      const parts = (facet.kind === "values" ? values : histogram)(facet, condition, (given) =>
+        choose(facet.name, given && { column: facet.name, ...given }),
+      );
+      const clear = { "data-key": `clear ${facet.name}`, click: () => choose(facet.name, null) };
+      const heading = element("div", { class: "heading" }, element("h3", {}, ...breakable(facet.name)));
+      if (condition) heading.append(element("button", clear, "clear"));
+      return element("div", { class: "facet" }, heading, ...parts);
+    });
+    const shown = group !== "metric" || own.some((facet) => of.has(facet.name));
+    return own.length ? [folded(group, title, own.length, shown, ...facets)] : [];
   });
-  const search = searchOf(of.get("configuration"), choose);
-  place.replaceChildren(search, ...groups.filter((group) => group.childElementCount > 1), ...notes(found));
-  if (focus) {
-    const again = [...place.querySelectorAll("[data-key]")].find((each) => each.dataset.key === focus);
-    if (again instanceof HTMLElement) again.focus({ preventScroll: true });
-  }
-}
-
-function notes(found) {
-  const told = found.constant.map(({ name, value }) => element("li", {}, `${name}: ${value ?? "none"}`));
-  const shown = [];
-  if (told.length) {
-    const title = element("summary", {}, `The same in all runs (${told.length})`);
-    shown.push(element("details", { "data-group": "constant" }, title, element("ul", {}, ...told)));
-  }
-  if (found.places.length)
-    shown.push(element("p", { class: "muted" }, `Places and lists, not shown: ${found.places.join(", ")}.`));
-  return shown;
+  const same = found.constant.map(({ name, value }) => element("li", {}, `${name}: ${value ?? "none"}`));
+  if (same.length)
+    groups.push(folded("constant", "The same in all runs", same.length, false, element("ul", {}, ...same)));
+  if (found.places.length) groups.push(note(`Places and lists, not shown: ${found.places.join(", ")}.`));
+  place.replaceChildren(searchOf(of.get("configuration"), choose), ...groups);
+  const again = [...place.querySelectorAll("[data-key]")].find((each) => each.dataset.key === focus);
+  again?.focus({ preventScroll: true });
 }
 
 function searchOf(condition, choose) {
   const input = element("input", {
     type: "search",
-    value: condition?.part ?? "",
+    value: condition?.part,
     placeholder: "part of a name",
     "data-key": "search",
     change: () => choose("configuration", input.value ? { column: "configuration", part: input.value } : null),
@@ -69,23 +59,10 @@ function searchOf(condition, choose) {
   return element("label", { class: "search" }, "Configuration ", input);
 }
 
-function heading(facet, condition, choose) {
-  const clear = element(
-    "button",
-    { "data-key": `clear ${facet.name}`, click: () => choose(facet.name, null) },
-    "clear",
-  );
-  return element(
-    "div",
-    { class: "heading" },
-    element("h3", {}, ...breakable(facet.name)),
-    ...(condition ? [clear] : []),
-  );
-}
-
 function values(facet, condition, choose) {
-  const chosen = new Set(condition?.values ?? []);
-  const most = Math.max(1, ...facet.values.map((each) => each.passed + each.failed + each.not_judged));
+  const chosen = new Set(condition?.values);
+  const runsOf = ({ passed, failed, not_judged }) => passed + failed + not_judged;
+  const most = Math.max(1, ...facet.values.map(runsOf));
   const rows = facet.values.map((each) => {
     const box = element("input", {
       type: "checkbox",
@@ -94,42 +71,22 @@ function values(facet, condition, choose) {
       change: () => {
         if (box.checked) chosen.add(each.value);
         else chosen.delete(each.value);
-        choose(facet.name, chosen.size ? { column: facet.name, values: [...chosen] } : null);
+        choose(chosen.size ? { values: [...chosen] } : null);
       },
     });
-    const runs = each.passed + each.failed + each.not_judged;
     const parts = [each.passed, each.failed, each.not_judged];
     const title = `${parts.map((n, k) => `${count(n)} ${VERDICTS[k].word}`).join(", ")}; ${interval(each.interval)} passed`;
-    const rate = element("span", { class: "n" }, each.rate === null ? "–" : percent(each.rate));
-    const own = element("span", { class: "own" }, each.value ?? MISSING[facet.group]);
     return element(
       "label",
       { class: "value", title },
       box,
-      own,
-      bar(parts, most),
-      element("span", { class: "n muted" }, count(runs)),
-      rate,
+      element("span", { class: "own" }, each.value ?? MISSING[facet.group]),
+      partsBar(parts, most, 60, 8),
+      element("span", { class: "n muted" }, count(runsOf(each))),
+      element("span", { class: "n" }, percent(each.rate)),
     );
   });
-  const more = facet.left_out
-    ? [element("p", { class: "muted" }, `${count(facet.left_out)} more values, less frequent`)]
-    : [];
-  return element("div", { class: "facet" }, heading(facet, condition, choose), ...rows, ...more);
-}
-
-function bar(parts, most) {
-  let at = 0;
-  const shown = parts.map((n, k) => {
-    const width = (60 * n) / most;
-    at += width;
-    return drawn("rect", { x: at - width, y: 0, width, height: 8, class: `fill-${k}` });
-  });
-  return drawn(
-    "svg",
-    { class: "small-bar", viewBox: "0 0 60 8", width: 60, height: 8, "aria-hidden": "true" },
-    ...shown,
-  );
+  return facet.left_out ? [...rows, note(`${count(facet.left_out)} more values, less frequent`)] : rows;
 }
 
 function histogram(facet, condition, choose) {
@@ -137,30 +94,20 @@ function histogram(facet, condition, choose) {
   const most = Math.max(1, ...counts.map((each) => each[0] + each[1] + each[2]));
   const width = WIDTH / counts.length;
   const bars = counts.flatMap((each, k) => {
-    let top = HEIGHT;
+    let y = HEIGHT;
     return each.map((n, verdict) => {
       const height = (HEIGHT * n) / most;
-      top -= height;
-      return drawn("rect", { x: k * width, y: top, width: width - 0.5, height, class: `fill-${verdict}` });
+      y -= height;
+      return drawn("rect", { x: k * width, y, width: width - 0.5, height, class: VERDICTS[verdict].color });
     });
   });
   const at = (value) => (WIDTH * (Math.min(Math.max(value, low), high) - low)) / (high - low);
   const from = condition ? at(condition.low ?? low) : 0;
-  const to = condition ? at(condition.high ?? high) : 0;
-  const band = drawn("rect", {
-    class: "band",
-    x: from,
-    y: 0,
-    width: Math.max(to - from, condition ? 1 : 0),
-    height: HEIGHT,
-  });
+  const chosen = condition ? Math.max(at(condition.high ?? high) - from, 1) : 0;
+  const band = drawn("rect", { class: "band", x: from, width: chosen, height: HEIGHT });
   const words = `${facet.name}: ${number(low)} to ${number(high)} ${facet.unit}`;
-  const picture = drawn(
-    "svg",
-    { class: "histogram", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": words },
-    ...bars,
-    band,
-  );
+  const attributes = { class: "histogram", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": words };
+  const picture = drawn("svg", attributes, ...bars, band);
   const shareOf = (event) => {
     const box = picture.getBoundingClientRect();
     return [Math.min(Math.max((event.clientX - box.left) / box.width, 0), 1)];
@@ -176,38 +123,29 @@ function histogram(facet, condition, choose) {
       shares = [k / counts.length, (k + 1) / counts.length]; // a click takes a bar
     }
     const [first, last] = shares.map((share) => rounded(low + share * (high - low), high - low));
-    choose(facet.name, { column: facet.name, low: first, high: last });
+    choose({ low: first, high: last });
   });
-  const inputs = ["low", "high"].map((end) => {
+  const [least, greatest] = ["low", "high"].map((end) => {
     const input = element("input", {
       type: "number",
       step: "any",
       "aria-label": `${facet.name}, ${end === "low" ? "from" : "to"}`,
       placeholder: number(facet[end]),
-      value: condition?.[end] ?? "",
+      value: condition?.[end],
       "data-key": `${facet.name} ${end}`,
       change: () => {
         const ends = { low: condition?.low ?? null, high: condition?.high ?? null };
         ends[end] = input.value === "" ? null : Number(input.value);
-        choose(facet.name, ends.low === null && ends.high === null ? null : { column: facet.name, ...ends });
+        choose(ends.low === null && ends.high === null ? null : ends);
       },
     });
     return input;
   });
-  const missing = element(
-    "button",
-    { "data-key": `missing ${facet.name}`, click: () => choose(facet.name, { column: facet.name, values: [null] }) },
-    `${MISSING[facet.group]}: ${count(facet.missing)}`,
-  );
-  const below = element(
-    "div",
-    { class: "range" },
-    inputs[0],
-    "to",
-    inputs[1],
-    ...(facet.missing || condition?.values ? [missing] : []),
-  );
-  return element("div", { class: "facet" }, heading(facet, condition, choose), picture, below);
+  const range = element("div", { class: "range" }, least, "to", greatest);
+  const only = { "data-key": `missing ${facet.name}`, click: () => choose({ values: [null] }) };
+  if (facet.missing || condition?.values)
+    range.append(element("button", only, `${MISSING[facet.group]}: ${count(facet.missing)}`));
+  return [picture, range];
 }
 
 /** Round to a thousandth of a range, so that addresses stay short. */

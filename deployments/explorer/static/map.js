@@ -1,10 +1,11 @@
 /** The map: trajectories, final poses, or rates of cells on a floor that is moved by pointer or keys. */
 import { coloredCells } from "./cells.js";
 import { nearestTo } from "./chart.js";
-import { drawn, element } from "./dom.js";
-import { onDrag } from "./drag.js";
+import { readTheme, VERDICTS } from "./colors.js";
+import { drawn, element, link } from "./dom.js";
+import { MapCanvas } from "./map_canvas.js";
 import { saveButtons } from "./save.js";
-import { count, percent, VERDICTS } from "./selection.js";
+import { count, percent } from "./selection.js";
 
 /** Signs of places, as paths from their middle. */
 const MARKS = {
@@ -15,61 +16,43 @@ const MARKS = {
 const NEAR_PX = 8;
 const STEP_PX = 40;
 
-export class MapView {
+export class MapView extends MapCanvas {
+  content = null;
+  /** Places with signs of `MARKS`, and corners of obstacles, in meters. */
+  marks = [];
+  outlines = [];
+  /** Least and greatest x and y that are shown at first; null for the whole map. */
+  extent = null;
+
   /**
    * @param {HTMLElement} place
    * @param {string} name Of files that are saved.
    * @param {(configuration: string, run: number) => string} runAddress
    */
   constructor(place, name, runAddress) {
+    const canvas = /** @type {HTMLCanvasElement} */ (element("canvas", { tabindex: 0, class: "map" }));
+    super(canvas, () => this.draw(), {
+      hovered: (event) => this.tell(event),
+      zooms: (event) => event.ctrlKey || document.activeElement === canvas, // else the page is scrolled
+    });
     this.runAddress = runAddress;
-    this.canvas = /** @type {HTMLCanvasElement} */ (element("canvas", { tabindex: 0, class: "map" }));
     this.told = element("p", { class: "muted", "aria-live": "polite" });
     this.legend = element("p", { class: "legend" });
     const zoom = [
       ["+", "Zoom in", () => this.zoom(1.5)],
       ["−", "Zoom out", () => this.zoom(1 / 1.5)],
       ["⤢", "Whole map", () => this.fit()],
-    ].map(([sign, title, done]) => element("button", { title, "aria-label": title, click: done }, sign));
+    ].map(([sign, title, click]) => element("button", { title, "aria-label": title, click }, sign));
     const saved = saveButtons(name, () => this.svg());
-    place.append(this.canvas, element("div", { class: "tools" }, ...zoom, ...saved), this.legend, this.told);
-    this.content = null;
-    this.view = null;
-    /** Places with signs of `MARKS`, and corners of obstacles, in meters. */
-    [this.marks, this.outlines] = [[], []];
-    /** Least and greatest x and y that are shown at first; null for the whole map. */
-    this.extent = null;
-    this.listen();
-    new ResizeObserver(() => this.draw()).observe(this.canvas);
+    place.append(canvas, element("div", { class: "tools" }, ...zoom, ...saved), this.legend, this.told);
+    canvas.addEventListener("click", (event) => this.tell(event));
+    canvas.addEventListener("keydown", (event) => this.#key(event));
+    new ResizeObserver(() => this.draw()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
   }
 
-  listen() {
-    let last = null;
-    const pan = (from, to) => {
-      const before = last ?? from;
-      this.pan(to[0] - before[0], to[1] - before[1]);
-      last = to;
-    };
-    const placeOf = (event) => [event.clientX, event.clientY];
-    onDrag(
-      this.canvas,
-      placeOf,
-      pan,
-      () => (last = null),
-      (event) => this.tell(event),
-    );
-    this.canvas.addEventListener("click", (event) => this.tell(event));
-    this.canvas.addEventListener(
-      "wheel",
-      (event) => {
-        if (!event.ctrlKey && document.activeElement !== this.canvas) return; // the page is scrolled
-        event.preventDefault();
-        this.zoom(Math.exp(-event.deltaY / 400), event.offsetX, event.offsetY);
-      },
-      { passive: false },
-    );
-    const keys = {
+  #key(event) {
+    const done = {
       "+": () => this.zoom(1.5),
       "=": () => this.zoom(1.5),
       "-": () => this.zoom(1 / 1.5),
@@ -78,12 +61,10 @@ export class MapView {
       ArrowRight: () => this.pan(-STEP_PX, 0),
       ArrowUp: () => this.pan(0, STEP_PX),
       ArrowDown: () => this.pan(0, -STEP_PX),
-    };
-    this.canvas.addEventListener("keydown", (event) => {
-      if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
-      event.preventDefault();
-      keys[event.key]();
-    });
+    }[event.key];
+    if (!done || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    done();
   }
 
   /**
@@ -93,66 +74,44 @@ export class MapView {
    */
   async show(content, pictureAddress) {
     const { header } = content;
-    if (!header.floor) {
-      this.content = null;
-      this.draw();
-      return;
-    }
-    if (this.pictureAddress !== pictureAddress) {
+    this.content = null;
+    if (header.floor && this.pictureAddress !== pictureAddress) {
       this.pictureAddress = pictureAddress;
       this.picture = new Image();
       this.picture.src = pictureAddress;
-      this.view = null;
+      this.fitted = true;
       await this.picture.decode().catch(() => {});
     }
-    this.content = content;
+    if (header.floor) this.content = content;
     this.cells = header.form === "grid" ? coloredCells(content, this.legend) : null;
     if (!this.cells) this.legend.replaceChildren();
-    this.canvas.setAttribute(
-      "aria-label",
-      `Map with ${header.runs ?? 0} runs; arrows move it, plus and minus zoom, 0 shows all`,
-    );
+    const words = "arrows move it, plus and minus zoom, 0 shows all";
+    this.canvas.setAttribute("aria-label", `Map with ${header.runs ?? 0} runs; ${words}`);
     this.draw();
   }
 
   /** Show the whole map. */
   fit() {
-    this.view = this.extent = null;
-    this.draw();
-  }
-
-  pan(dx, dy) {
-    if (!this.view) return;
-    this.view.x += dx;
-    this.view.y += dy;
-    this.draw();
-  }
-
-  zoom(factor, x = this.canvas.clientWidth / 2, y = this.canvas.clientHeight / 2) {
-    if (!this.view) return;
-    this.view.x = x + (this.view.x - x) * factor;
-    this.view.y = y + (this.view.y - y) * factor;
-    this.view.scale *= factor;
-    this.draw();
+    this.extent = null;
+    super.fit();
   }
 
   draw() {
-    const ratio = devicePixelRatio || 1;
     const width = this.canvas.clientWidth;
-    const extent = this.content && (this.extent ?? this.content.header.floor.extent);
-    const high = extent ? (width * (extent[3] - extent[2])) / (extent[1] - extent[0]) : 120;
-    const height = Math.round(Math.min(Math.max(high, 120), 520));
-    this.canvas.style.height = `${height}px`;
-    [this.canvas.width, this.canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
-    const context = this.canvas.getContext("2d");
+    const ends = this.content ? (this.extent ?? this.content.header.floor.extent) : [0, 1, 0, 0];
+    const high = (width * (ends[3] - ends[2])) / (ends[1] - ends[0]);
+    this.canvas.style.height = `${Math.round(Math.min(Math.max(high, 120), 520))}px`;
     if (!this.content || !width) return;
-    if (!this.view) {
-      const scale = Math.min(width / (extent[1] - extent[0]), height / (extent[3] - extent[2]));
-      const middle = [(extent[0] + extent[1]) / 2, (extent[2] + extent[3]) / 2];
-      this.view = { scale, x: width / 2 - scale * middle[0], y: height / 2 + scale * middle[1] };
-    }
-    context.scale(ratio, ratio);
+    this.resize(ends);
+    const context = this.canvas.getContext("2d");
+    context.scale(devicePixelRatio, devicePixelRatio);
     this.paint(context);
+  }
+
+  /** Scale, and where the origin of the map is on the canvas (pixels). */
+  get view() {
+    const { scale, center, canvas } = this;
+    return { scale, x: canvas.clientWidth / 2 - scale * center.x, y: canvas.clientHeight / 2 + scale * center.y };
   }
 
   /** Paint floor, runs or cells, and marks, in canvas pixels. */
@@ -160,7 +119,7 @@ export class MapView {
     const { header } = this.content;
     const { scale, x, y } = this.view;
     const { floor, grid } = header;
-    const colors = getComputedStyle(this.canvas);
+    const theme = readTheme();
     context.save();
     context.translate(x + scale * floor.origin[0], y - scale * floor.origin[1]);
     context.rotate(-floor.yaw);
@@ -175,7 +134,7 @@ export class MapView {
       context.drawImage(this.cells, x + scale * grid.origin[0], y - scale * grid.origin[1] - high, wide, high);
     } else if (header.form === "runs") {
       for (const [k, path] of this.lines().entries()) {
-        context.strokeStyle = colors.getPropertyValue(VERDICTS[k].color);
+        context.strokeStyle = theme[VERDICTS[k].color];
         const ends = header.layer === "ends";
         context.globalAlpha = ends ? 0.75 : Math.min(Math.max(4 / Math.sqrt(header.runs), 0.15), 0.9);
         context.lineWidth = ends ? 5 : 1.5;
@@ -187,14 +146,14 @@ export class MapView {
     for (const points of this.outlines) {
       const corners = points.map(([px, py]) => `${x + scale * px} ${y - scale * py}`);
       const shape = new Path2D(`M${corners.join("L")}Z`);
-      context.fillStyle = context.strokeStyle = colors.getPropertyValue("--obstacle");
+      context.fillStyle = context.strokeStyle = theme.obstacle;
       context.globalAlpha = 0.35;
       context.fill(shape);
       context.globalAlpha = 1;
       context.stroke(shape);
     }
     for (const mark of this.marks) {
-      context.strokeStyle = colors.getPropertyValue("--ink");
+      context.strokeStyle = theme.ink;
       context.lineWidth = 2;
       context.stroke(new Path2D(`M${x + scale * mark.x} ${y - scale * mark.y}${MARKS[mark.shape]}`));
     }
@@ -221,33 +180,31 @@ export class MapView {
 
   /** Tell what is under the pointer. */
   tell(event) {
-    if (!this.content || !this.view) return;
+    if (!this.content) return;
     const { header, arrays } = this.content;
-    const world = [(event.offsetX - this.view.x) / this.view.scale, (this.view.y - event.offsetY) / this.view.scale];
+    const { scale, x, y } = this.view;
+    const world = [(event.offsetX - x) / scale, (y - event.offsetY) / scale];
     if (this.cells) {
       const { origin, cell, rows, columns } = header.grid;
       const [column, row] = [Math.floor((world[0] - origin[0]) / cell), Math.floor((world[1] - origin[1]) / cell)];
       const inside = column >= 0 && column < columns && row >= 0 && row < rows;
       const k = row * columns + column;
       if (!inside || !arrays.runs[k]) return this.told.replaceChildren();
-      const share = percent(arrays.failed[k] / arrays.runs[k]);
-      this.told.textContent = `x ${world[0].toFixed(2)} m, y ${world[1].toFixed(2)} m: ${count(arrays.failed[k])} of ${count(arrays.runs[k])} runs failed (${share})`;
+      const [failed, runs] = [arrays.failed[k], arrays.runs[k]];
+      const place = `x ${world[0].toFixed(2)} m, y ${world[1].toFixed(2)} m`;
+      this.told.textContent = `${place}: ${count(failed)} of ${count(runs)} runs failed (${percent(failed / runs)})`;
       return;
     }
     if (header.form !== "runs") return;
     const points = arrays.xy;
-    const at = nearestTo(
-      world,
-      points.length / 2,
-      (k) => [points[2 * k], points[2 * k + 1]],
-      NEAR_PX / this.view.scale,
-    );
+    const placeOf = (k) => [points[2 * k], points[2 * k + 1]];
+    const at = nearestTo(world, points.length / 2, placeOf, NEAR_PX / scale);
     if (at < 0) return;
     const run = header.layer === "ends" ? at : arrays.starts.findLastIndex((start) => start <= at);
     const name = header.configurations[arrays.configuration[run]];
     const index = arrays.run[run];
-    const link = element("a", { href: this.runAddress(name, index) }, `${name}, run ${index}`);
-    this.told.replaceChildren(link, `: ${VERDICTS[arrays.verdict[run]].word}`);
+    const opened = link(this.runAddress(name, index), `${name}, run ${index}`);
+    this.told.replaceChildren(opened, `: ${VERDICTS[arrays.verdict[run]].word}`);
   }
 
   /** @returns {SVGElement | null} The map as it is shown. */
@@ -265,18 +222,11 @@ export class MapView {
     header.form = form;
     const picture = drawn("image", { href: back.toDataURL(), width, height });
     const lines = form === "runs" ? this.lines() : [];
-    const colors = getComputedStyle(this.canvas);
+    const theme = readTheme();
+    const kept = { fill: "none", "stroke-opacity": 0.6, "stroke-linecap": "round" };
     const wide = header.layer === "ends" ? 5 : 1.2;
     const shown = lines.map((d, k) => {
-      const stroke = colors.getPropertyValue(VERDICTS[k].color);
-      return drawn("path", {
-        d,
-        stroke,
-        fill: "none",
-        "stroke-width": wide,
-        "stroke-opacity": 0.6,
-        "stroke-linecap": "round",
-      });
+      return drawn("path", { d, stroke: theme[VERDICTS[k].color], "stroke-width": wide, ...kept });
     });
     return drawn("svg", { viewBox: `0 0 ${width} ${height}`, width, height }, picture, ...shown);
   }

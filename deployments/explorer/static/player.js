@@ -1,12 +1,11 @@
 /** The player: one or two runs on one clock. */
 
-import { element } from "./dom.js";
-import { fetchPacked } from "./packed.js";
+import { readTheme } from "./colors.js";
+import { element, fetchPacked } from "./dom.js";
 import { onActions, onLayers } from "./player_keys.js";
-import { MapView } from "./player_map.js";
+import { RunMap } from "./player_map.js";
 import { panel } from "./player_panels.js";
 import { Layers, Run } from "./player_run.js";
-import { readTheme } from "./player_theme.js";
 import { Tracks } from "./player_tracks.js";
 
 const query = new URLSearchParams(location.search);
@@ -79,7 +78,7 @@ class Player {
     name.style.color = `var(--${k ? "second" : "accent"})`;
     if (!run.hasRobot) return element("p", { class: "panel" }, `${run.name}: ${run.header.sentence}`);
     const canvas = element("canvas", { class: "map", role: "img", "aria-label": `Map of ${run.name}` });
-    side.view = new MapView(/** @type {HTMLCanvasElement} */ (canvas), run, () => this.draw());
+    side.view = new RunMap(/** @type {HTMLCanvasElement} */ (canvas), run, () => this.draw());
     side.state = element("span");
     return element("figure", { class: "map" }, canvas, name, side.state);
   }
@@ -93,7 +92,7 @@ class Player {
 
   /** Draw everything in the size of the page. */
   repaint() {
-    for (const view of this.views) view.resize();
+    for (const view of this.views) view.place();
     this.tracks.paint(this.theme);
     this.#draw(performance.now());
   }

@@ -1,14 +1,14 @@
 /** One moment of a run on its map, in meters; y points up. */
 
+import { verdictOf } from "./colors.js";
 import { gridImage } from "./player_images.js";
-import { VERDICTS } from "./player_theme.js";
 
 const TURN = 2 * Math.PI;
 
 /**
  * Draw the layers that are shown.
  * @param {CanvasRenderingContext2D} context Its transform is from meters.
- * @param {import("./player_map.js").MapView} view
+ * @param {import("./player_map.js").RunMap} view
  * @param {number} t
  * @param {Set<string>} shown
  * @param {number} px Meters of a pixel.
@@ -117,7 +117,7 @@ function drawTrajectory(context, run, t, shown, theme, px) {
   };
   if (shown.has("future")) stroke(context, line(row + 1, run.t.length), theme.muted, px, [2 * px, 3 * px]);
   if (shown.has("belief")) stroke(context, line(0, row + 1, true), theme.belief, px, [4 * px, 2 * px]);
-  if (shown.has("past")) stroke(context, line(0, row + 1), theme[VERDICTS[run.header.judgement][0]], 2 * px);
+  if (shown.has("past")) stroke(context, line(0, row + 1), theme[verdictOf(run.header.judgement).color], 2 * px);
 }
 
 function drawDots(context, xy, color, edge) {

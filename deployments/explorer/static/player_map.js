@@ -1,34 +1,23 @@
-/** The map of one run: a canvas with pan and zoom. */
-
+/** The map of one run. */
+import { MapCanvas } from "./map_canvas.js";
 import { drawMoment } from "./player_drawing.js";
 import { gridImage } from "./player_images.js";
 
 const MARGIN_PX = 12;
-const PX_PER_M = [2, 600];
 const BAR_M = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
 
-export class MapView {
+export class RunMap extends MapCanvas {
+  /** @type {import("./player_run.js").Layers | null} */
+  layers = null;
+
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {import("./player_run.js").Run} run
    * @param {() => void} moved Called when the view was moved or zoomed.
    */
   constructor(canvas, run, moved) {
-    this.canvas = canvas;
+    super(canvas, moved);
     this.run = run;
-    this.moved = moved;
-    /** @type {import("./player_run.js").Layers | null} */
-    this.layers = null;
-    this.follow = false;
-    this.fitted = true;
-    this.center = { x: 0, y: 0 };
-    this.scale = 50;
-    this.pointers = new Map();
-    for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) {
-      canvas.addEventListener(kind, (event) => this.#pointer(event));
-    }
-    canvas.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
-    canvas.addEventListener("dblclick", () => this.fit());
   }
 
   /** Take the colors. */
@@ -42,70 +31,22 @@ export class MapView {
     });
   }
 
-  /** Take the size of the canvas on the page. */
-  resize() {
-    const ratio = window.devicePixelRatio || 1;
-    this.canvas.width = Math.round(this.canvas.clientWidth * ratio);
-    this.canvas.height = Math.round(this.canvas.clientHeight * ratio);
-    if (this.fitted) this.#fitWhole();
-  }
-
-  /** Show the whole map. */
   fit() {
-    this.follow = false;
     this.fitted = true;
-    this.#fitWhole();
-    this.moved();
+    this.place();
+    super.fit();
   }
 
-  #fitWhole() {
-    const { x_m, y_m, yaw_rad, rows, columns, resolution_m } = this.grids[0];
+  /** Show the part of the map that fits into the page, or all of it. */
+  place() {
+    const { x_m: x, y_m: y, yaw_rad, rows, columns, resolution_m } = this.grids[0];
     const [width, height, c, s] = [columns * resolution_m, rows * resolution_m, Math.cos(yaw_rad), Math.sin(yaw_rad)];
-    this.center = { x: x_m + (c * width - s * height) / 2, y: y_m + (s * width + c * height) / 2 };
-    const [across, up] = [Math.abs(c) * width + Math.abs(s) * height, Math.abs(s) * width + Math.abs(c) * height];
-    const { clientWidth, clientHeight } = this.canvas;
-    this.scale = Math.max(
-      Math.min((clientWidth - 2 * MARGIN_PX) / across, (clientHeight - 2 * MARGIN_PX) / up),
-      PX_PER_M[0],
-    );
-  }
-
-  /** Zoom about a point of the canvas, by default its middle. */
-  zoom(factor, px = this.canvas.clientWidth / 2, py = this.canvas.clientHeight / 2) {
-    const scale = Math.min(Math.max(this.scale * factor, PX_PER_M[0]), PX_PER_M[1]);
-    const apart = 1 / this.scale - 1 / scale;
-    this.center.x += (px - this.canvas.clientWidth / 2) * apart;
-    this.center.y -= (py - this.canvas.clientHeight / 2) * apart;
-    this.scale = scale;
-    this.fitted = false;
-    this.moved();
-  }
-
-  #wheel(event) {
-    event.preventDefault();
-    const lines = event.deltaMode === 1 ? 33 : 1;
-    this.zoom(Math.exp(-0.0015 * lines * event.deltaY), event.offsetX, event.offsetY);
-  }
-
-  /** One pointer moves the map, two zoom it. */
-  #pointer(event) {
-    const before = this.pointers.get(event.pointerId);
-    const now = /** @type {[number, number]} */ ([event.offsetX, event.offsetY]);
-    if (event.type === "pointerdown") this.canvas.setPointerCapture(event.pointerId);
-    else if (event.type !== "pointermove") this.pointers.delete(event.pointerId);
-    if (event.type === "pointerdown" || (event.type === "pointermove" && before))
-      this.pointers.set(event.pointerId, now);
-    if (event.type !== "pointermove" || !before) return;
-    const other = [...this.pointers].find(([id]) => id !== event.pointerId)?.[1];
-    if (other) {
-      const apart = ([x, y]) => Math.max(Math.hypot(x - other[0], y - other[1]), 1);
-      this.zoom(apart(now) / apart(before), other[0], other[1]);
-      return;
-    }
-    this.center.x -= (now[0] - before[0]) / this.scale;
-    this.center.y += (now[1] - before[1]) / this.scale;
-    this.follow = this.fitted = false;
-    this.moved();
+    const [xs, ys] = [
+      [0, c * width, -s * height, c * width - s * height],
+      [0, s * width, c * height, s * width + c * height],
+    ];
+    const ends = [x + Math.min(...xs), x + Math.max(...xs), y + Math.min(...ys), y + Math.max(...ys)];
+    this.resize(ends, MARGIN_PX);
   }
 
   /** Draw a moment with the layers whose names are in `shown`. */
@@ -113,8 +54,8 @@ export class MapView {
     const time = Math.min(t, this.run.end);
     if (this.follow) this.center = this.run.pose(time);
     const { canvas, theme } = this;
-    const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-    const ratio = canvas.width / Math.max(canvas.clientWidth, 1);
+    const context = canvas.getContext("2d");
+    const ratio = devicePixelRatio;
     const scale = this.scale * ratio;
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.fillStyle = theme.unknown;

@@ -1,7 +1,8 @@
 /** Beside the map: verdicts with their reasons and metrics, and events. */
 
-import { element } from "./dom.js";
-import { MARKS, VERDICTS, reading } from "./player_theme.js";
+import { verdictMark } from "./colors.js";
+import { element, row } from "./dom.js";
+import { MARKS, reading } from "./player_theme.js";
 
 const ENDS = { SUCCESS: "succeeded", FAILURE: "failed", RUNNING: "still running", INVALID: "given up" };
 
@@ -35,7 +36,7 @@ export function panel(run, seek) {
   return element(
     "section",
     { class: "panel", "aria-label": run.name },
-    element("h2", {}, run.name, " ", chip(header.judgement)),
+    element("h2", {}, run.name, " ", verdictMark(header.judgement, "strong")),
     ...said.map((text) => element("p", {}, text)),
     ...header.verdicts.map(verdict),
     element("h2", {}, items.length ? `Events: ${items.length}` : "No events"),
@@ -43,21 +44,18 @@ export function panel(run, seek) {
   );
 }
 
-function chip(judgement) {
-  const [color, word] = VERDICTS[judgement];
-  return element("strong", { class: color }, word);
-}
-
 function verdict({ oracle, judgement, reason, metrics }) {
   const rows = Object.entries(metrics).map(([name, { value, unit }]) => {
+    const title = element("th", { scope: "row" }, name.replaceAll("_", " "));
     const cells = value === null ? ["not measured", ""] : [reading(value), unit === "1" ? "" : unit];
-    const [number, word] = cells.map((text, k) => element("td", { class: k || value === null ? "muted" : "n" }, text));
-    return element("tr", {}, element("th", { scope: "row" }, name.replaceAll("_", " ")), number, word);
+    const made = row(cells, [value === null ? "muted" : "n", "muted"]);
+    made.prepend(title);
+    return made;
   });
   return element(
     "details",
     { open: judgement !== "pass" },
-    element("summary", {}, element("strong", {}, oracle), " ", chip(judgement)),
+    element("summary", {}, element("strong", {}, oracle), " ", verdictMark(judgement, "strong")),
     ...(reason ? [element("p", {}, reason)] : []),
     element("table", { class: "plain" }, element("tbody", {}, ...rows)),
   );

@@ -1,25 +1,5 @@
 /** Colors and words that all parts of the player share. */
 
-/**
- * Colors `rgb(…)` of the style sheet by name, as they are now: in light or dark.
- * @returns {Object<string, string>}
- */
-export function readTheme() {
-  const resolved = (name) => {
-    // A browser resolves light and dark for properties that it knows alone.
-    document.body.style.outlineColor = `var(--${name})`;
-    return getComputedStyle(document.body).outlineColor;
-  };
-  return new Proxy({}, { get: (known, name) => (known[name] ??= resolved(String(name))) });
-}
-
-/** Verdicts to the names of their colors and to words. */
-export const VERDICTS = {
-  pass: ["pass", "passed"],
-  fail: ["fail", "failed"],
-  "not judged": ["not-judged", "not judged"],
-};
-
 /** Marks of events: a letter and a color. */
 export const MARKS = {
   contact: ["✕", "fail"],

@@ -1,5 +1,6 @@
 /** Figures as files: SVG with its colors in it, and PNG of twice the size. */
-import { element } from "./dom.js";
+import { readTheme } from "./colors.js";
+import { drawn, element } from "./dom.js";
 
 const KEPT = [
   "fill",
@@ -27,7 +28,7 @@ export function saveButtons(name, made) {
     };
     return element("button", { click, title: `Save the figure as ${ending.toUpperCase()}` }, ending.toUpperCase());
   };
-  return [button("png", savePng), button("svg", saveSvg)];
+  return [button("png", savePng), button("svg", (figure, name) => save(blobOf(figure), name))];
 }
 
 /** A copy of a figure that needs no style sheet. */
@@ -45,20 +46,12 @@ function alone(figure) {
   copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
   copy.setAttribute("width", String(box[2]));
   copy.setAttribute("height", String(box[3]));
-  const ground = document.createElementNS("http://www.w3.org/2000/svg", "rect");
-  const panel = getComputedStyle(document.documentElement).getPropertyValue("--panel").trim();
-  for (const [key, value] of Object.entries({ width: "100%", height: "100%", fill: panel }))
-    ground.setAttribute(key, value);
-  copy.prepend(ground);
+  copy.prepend(drawn("rect", { width: "100%", height: "100%", fill: readTheme().panel }));
   return copy;
 }
 
 function blobOf(figure) {
   return new Blob([new XMLSerializer().serializeToString(figure)], { type: "image/svg+xml" });
-}
-
-function saveSvg(figure, name) {
-  save(blobOf(figure), name);
 }
 
 async function savePng(figure, name) {

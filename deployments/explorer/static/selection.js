@@ -78,10 +78,3 @@ export function interval(ends) {
   const outwards = [Math.floor(1000 * ends[0] + 1e-6) / 10, Math.ceil(1000 * ends[1] - 1e-6) / 10];
   return `${outwards[0].toFixed(1)}–${outwards[1].toFixed(1)} %`;
 }
-
-/** Colors' names in the style sheet, by the code of a verdict. */
-export const VERDICTS = [
-  { name: "pass", word: "passed", color: "--pass" },
-  { name: "fail", word: "failed", color: "--fail" },
-  { name: "not judged", word: "not judged", color: "--not-judged" },
-];

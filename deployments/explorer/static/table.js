@@ -1,14 +1,15 @@
 /** A table of configurations whose pages the server sorts; arrow keys move in it. */
-import { address, drawn, element } from "./dom.js";
+import { rateBar } from "./colors.js";
+import { address, element, link, tableOf } from "./dom.js";
 import { breakable, count, interval, number, percent } from "./selection.js";
 
-const FIXED = [
-  ["configuration", "Configuration"],
-  ["rate", "Success rate"],
-  ["runs", "Runs"],
-  ["failed", "Failed"],
-  ["not_judged", "Not judged"],
-];
+const FIXED = {
+  configuration: "Configuration",
+  rate: "Success rate",
+  runs: "Runs",
+  failed: "Failed",
+  not_judged: "Not judged",
+};
 
 /**
  * Show a page of rows.
@@ -18,124 +19,71 @@ const FIXED = [
  * @param {(change: {sort?: string, descending?: boolean, start?: number}) => void} turn
  */
 export function showTable(place, found, { c, sort, descending, size }, turn) {
-  const columns = [...FIXED, ...found.columns.map(({ name }) => [name, name])];
-  const had = place.contains(document.activeElement);
-  const at = had ? cellOf(place, document.activeElement) : [0, 0];
-  const heads = columns.map(([name, title], k) => {
-    const sorted = name === sort ? (descending ? "descending" : "ascending") : "none";
-    const text = k >= FIXED.length && found.columns[k - FIXED.length].text;
-    const click = () => turn({ sort: name, descending: name === sort ? !descending : false, start: 0 });
-    const button = element("button", { click, tabindex: -1 }, ...breakable(title));
-    return element("th", { scope: "col", "aria-sort": sorted, class: k === 0 || text ? "" : "n" }, button);
+  const columns = [...Object.entries(FIXED), ...found.columns.map(({ name }) => [name, name])];
+  const classes = ["name", "n", "n", "n", "n", ...found.columns.map(({ text }) => (text ? "" : "n"))];
+  const focused = place.contains(document.activeElement) && document.activeElement.closest("td, th");
+  const at = focused ? [focused.parentElement.rowIndex, focused.cellIndex] : [0, 0];
+  const heads = columns.map(([name, title]) => {
+    const click = () => turn({ sort: name, descending: name === sort && !descending, start: 0 });
+    return element("button", { click }, ...breakable(title));
   });
-  const rows = found.rows.map((row) => {
-    const runs = row.passed + row.failed + row.not_judged;
-    const link = element(
-      "a",
-      { href: address("/configuration", { c, name: row.configuration }), tabindex: -1 },
-      row.configuration,
-    );
-    const values = row.values.map((value, k) => {
-      if (value === null) return cell("n muted", "–", "not measured");
-      return cell(found.columns[k].text ? "" : "n", typeof value === "number" ? number(value) : value);
-    });
-    const rate = element(
-      "td",
-      { class: "n rate", tabindex: -1, title: interval(row.interval) },
-      rateBar(row),
-      percent(row.rate),
-    );
-    const name = element("td", { class: "name", tabindex: -1 }, link);
-    return element(
-      "tr",
-      {},
-      name,
-      rate,
-      cell("n", count(runs)),
-      cell("n", count(row.failed)),
-      cell("n", count(row.not_judged)),
-      ...values,
-    );
+  const rows = found.rows.map((each) => {
+    const { configuration: name, rate, passed, failed, not_judged: others } = each;
+    const bar = rate === null ? [] : [rateBar(rate, each.interval, 60)];
+    const values = each.values.map((value) => (typeof value === "number" ? number(value) : (value ?? "–")));
+    const opened = link(address("/configuration", { c, name }), name);
+    return [opened, [...bar, percent(rate)], ...[passed + failed + others, failed, others].map(count), ...values];
   });
-  const body = element("tbody", {}, ...rows);
-  const table = element(
-    "table",
-    { "aria-label": "Configurations", keydown: move },
-    element("thead", {}, element("tr", {}, ...heads)),
-    body,
-  );
+  const box = tableOf(heads, rows, classes);
+  const table = /** @type {HTMLTableElement} */ (box.firstChild);
+  table.setAttribute("aria-label", "Configurations");
+  table.addEventListener("keydown", move);
+  columns.forEach(([name], k) => {
+    const order = descending ? "descending" : "ascending";
+    table.rows[0].cells[k].setAttribute("aria-sort", name === sort ? order : "none");
+  });
+  found.rows.forEach((each, k) => (table.rows[k + 1].cells[1].title = interval(each.interval)));
+  for (const cell of table.querySelectorAll("td, th")) target(cell).tabIndex = -1;
   const last = Math.min(found.start + size, found.total);
-  const range = found.total
-    ? `${count(found.start + 1)}–${count(last)} of ${count(found.total)} configurations`
-    : "No configuration is selected.";
+  const range = `${count(found.start + 1)}–${count(last)} of ${count(found.total)} configurations`;
   const page = (title, start, disabled) => element("button", { disabled, click: () => turn({ start }) }, title);
   const pages = element(
     "div",
     { class: "tools" },
     page("Previous", Math.max(found.start - size, 0), found.start === 0),
     page("Next", found.start + size, last >= found.total),
-    element("span", { class: "muted" }, range),
+    element("span", { class: "muted" }, found.total ? range : "No configuration is selected."),
   );
-  place.replaceChildren(element("h2", {}, "Configurations"), element("div", { class: "scroll" }, table), pages);
-  const first = cellsOf(table)[Math.min(at[0], rows.length)]?.[Math.min(at[1], columns.length - 1)];
-  if (first) reach(table, first, had);
-}
-
-function cell(kind, text, title = "") {
-  return element("td", { class: kind, tabindex: -1, ...(title ? { title } : {}) }, text);
-}
-
-/** The rate as a bar with its interval. */
-function rateBar({ rate, interval: ends }) {
-  if (rate === null) return "";
-  const band = drawn("rect", { x: 60 * ends[0], y: 2, width: 60 * (ends[1] - ends[0]), height: 6, class: "interval" });
-  const mark = drawn("rect", { x: 60 * rate - 1, y: 0, width: 2, height: 10, class: "mark" });
-  const ground = drawn("rect", { x: 0, y: 2, width: 60, height: 6, class: "well" });
-  return drawn(
-    "svg",
-    { class: "small-bar", viewBox: "-1 0 62 10", width: 62, height: 10, "aria-hidden": "true" },
-    ground,
-    band,
-    mark,
-  );
+  place.replaceChildren(element("h2", {}, "Configurations"), box, pages);
+  const cells = table.rows[Math.min(at[0], rows.length)].cells;
+  reach(table, cells[Math.min(at[1], columns.length - 1)], Boolean(focused));
 }
 
 /** What in a cell has the focus: its button or link, else itself. */
 const target = (cell) => cell.querySelector("a, button") ?? cell;
 
-const cellsOf = (table) => [...table.rows].map((row) => [...row.cells]);
-
-function cellOf(place, focused) {
-  const cell = focused.closest("td, th");
-  return cell && place.contains(cell) ? [cell.parentElement.rowIndex, cell.cellIndex] : [0, 0];
-}
-
 function reach(table, cell, focus) {
-  for (const each of table.querySelectorAll('[tabindex="0"]')) each.setAttribute("tabindex", "-1");
-  const chosen = target(cell);
-  chosen.setAttribute("tabindex", "0");
-  if (focus) chosen.focus();
+  for (const each of table.querySelectorAll('[tabindex="0"]')) each.tabIndex = -1;
+  target(cell).tabIndex = 0;
+  if (focus) target(cell).focus();
 }
 
 function move(event) {
   const table = event.currentTarget;
-  const [row, column] = cellOf(table, event.target);
-  const cells = cellsOf(table);
-  const ends = {
-    Home: [row, 0],
-    End: [row, cells[row].length - 1],
+  const cell = event.target.closest("td, th");
+  const [line, column, last] = [cell.parentElement.rowIndex, cell.cellIndex, table.rows.length - 1];
+  const to = {
+    Home: [line, 0],
+    End: [line, table.rows[0].cells.length - 1],
     PageUp: [1, column],
-    PageDown: [cells.length - 1, column],
-  };
-  const steps = {
-    ArrowUp: [row - 1, column],
-    ArrowDown: [row + 1, column],
-    ArrowLeft: [row, column - 1],
-    ArrowRight: [row, column + 1],
-  };
-  const to = { ...ends, ...steps }[event.key];
+    PageDown: [last, column],
+    ArrowUp: [line - 1, column],
+    ArrowDown: [line + 1, column],
+    ArrowLeft: [line, column - 1],
+    ArrowRight: [line, column + 1],
+  }[event.key];
   if (!to || event.ctrlKey || event.metaKey || event.altKey) return;
   event.preventDefault();
-  const cell = cells[to[0]]?.[to[1]];
-  if (cell) reach(table, cell, true);
+  const next = table.rows[to[0]]?.cells[to[1]];
+  if (next) reach(table, next, true);
 }
