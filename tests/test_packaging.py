@@ -177,9 +177,9 @@ def test_everything_the_tests_import_is_declared_with_them():
 
 
 def test_declared_dependencies_are_imported_or_have_a_reason():
-    # fsspec imports s3fs, and pages load plotly's JavaScript; the others are declared for their bounds alone, which are Prefect's,
+    # fsspec imports s3fs; the others are declared for their bounds alone, which are Prefect's,
     # see pyproject.toml and below.
-    assert set(declared()) - needed(*LAYERS) == {"fastapi", "plotly", "python-dateutil", "s3fs", "sqlalchemy"}
+    assert set(declared()) - needed(*LAYERS) == {"fastapi", "python-dateutil", "s3fs", "sqlalchemy"}
 
 
 def test_dependency_bounds_match_prefects_extras():

@@ -1,6 +1,5 @@
 """The server: the pages' routes, behind the guard, on this machine."""
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
@@ -19,7 +18,6 @@ from vastflow.sim.model.faults import UserError
 
 STATIC: Final = Path(__file__).with_name("static")
 PAGES: Final = (campaigns_page, campaign_page, comparison_page, live_page, run_page)
-_A_DAY: Final = {"Cache-Control": "max-age=86400, immutable"}
 
 
 def application(directories: Directories, token: str) -> Starlette:
@@ -32,9 +30,6 @@ def application(directories: Directories, token: str) -> Starlette:
         if (file := files.get(request.path_params["name"])) is None:
             raise HTTPException(404)
         return FileResponse(file)
-
-    async def plotly(request: Request) -> Response:
-        return FileResponse(plotly_script(), media_type="text/javascript", headers=_A_DAY)
 
     async def missing(request: Request, error: Exception) -> Response:
         return pages.sentence(request, 404, str(error))
@@ -55,7 +50,7 @@ def application(directories: Directories, token: str) -> Starlette:
 
     routes = [each for page in PAGES for each in page.routes(directories, pages)]
     return Starlette(
-        routes=[*routes, Route("/static/{name}", static), Route("/plotly.js", plotly)],
+        routes=[*routes, Route("/static/{name}", static)],
         middleware=[Middleware(Guard, token=token, refuse=pages.sentence)],
         exception_handlers={
             NoSuchCampaign: missing,
@@ -64,10 +59,3 @@ def application(directories: Directories, token: str) -> Starlette:
             Exception: failed,
         },
     )
-
-
-def plotly_script() -> Path:
-    """Return plotly.js, which the Python package carries; importing the package would take a second."""
-    found = find_spec("plotly")
-    assert found is not None and found.origin is not None  # a dependency
-    return Path(found.origin).with_name("package_data") / "plotly.min.js"
