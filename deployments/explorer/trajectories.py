@@ -28,7 +28,6 @@ STEP_M: Final = 0.25
 MOST_PATHS: Final = 2000
 MOST_ENDS: Final = 4000
 CELL_M: Final = 0.25
-_PICTURE_MARGIN_CELLS: Final = 2
 
 
 @dataclass(frozen=True, eq=False)

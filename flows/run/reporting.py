@@ -1,5 +1,6 @@
 """From judged runs to evidence: a campaign directory with its tables, its report, and where both are seen."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
@@ -7,6 +8,7 @@ from typing import Any, Final
 from vastflow.flows.request.campaign_file import terminal_lines
 from vastflow.flows.request.run_request import SEARCH
 from vastflow.flows.results.current_report import KEY, newest_sealed, report_key, seal, written_by
+from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.results import metadata_of, write_results
 from vastflow.flows.results.summary import Results, Summary
 from vastflow.flows.results.tables import StoredResult
@@ -39,15 +41,9 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: E
     engine.rest()
     for fault in judged.faults:
         computing.tally.fault(fault.configuration, fault.run_index, fault.stage, fault.error)
-    record, faults = _record(run), engine.faults
-    if not judged.faults and not faults and _is_by_its_source(run):
+    record = _record(run)
+    if not judged.faults and not engine.faults and _is_by_its_source(run):
         record[KEY] = _key(run, computing)
-
-    def found(configuration: Configuration) -> StoredResult:
-        engine.check()
-        own = judged.found[configuration.name]
-        theirs = [fault for fault in faults if fault.configuration == configuration.name]
-        return StoredResult(run.store, own.stored, own.configuration.runs, theirs)
 
     def report(place: Path) -> None:
         from vastflow.oracles.page.report import write_report
@@ -61,22 +57,7 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: E
     with log.directory.writing() as place:
         if run.search is not None:
             write_search(place, run.search)
-        written = write_results(
-            log.directory,
-            run.campaign,
-            run.inputs,
-            judged.instantiated.instantiation,
-            found,
-            runs=judged.runs,
-            oracles=[oracle.name for oracle in run.opened.oracles],
-            keys=run.keys,
-            record=record,
-            faults=judged.faults,
-            created=computing.created,
-            work=run.work,
-            report=report,
-            threads=1 if store_address(run.request.store) is None else _REMOTE_READERS,
-        )
+        written = write_judged(run, computing, judged, log.directory, record, report)
     if steps := steps_of(run.campaign.spec.results_processing.postprocessing):
         from vastflow.flows.postprocessing.postprocess import postprocessed
 
@@ -89,6 +70,47 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: E
         if KEY in record:
             run.store.put(_complete(record[KEY]), {})
     return results
+
+
+def write_judged(
+    run: PreparedCampaign,
+    computing: Computing,
+    judged: Judged,
+    directory: NewDirectory,
+    record: Mapping[str, Any],
+    report: Callable[[Path], None],
+) -> Results:
+    """Write the tables of judged runs into a directory, and whatever `report` makes of them.
+
+    Raises:
+        Lost: an artifact is damaged or gone.
+        PoolClosed: the campaign was ended.
+    """
+    engine = computing.engine
+    faults = engine.faults
+
+    def found(configuration: Configuration) -> StoredResult:
+        engine.check()
+        own = judged.found[configuration.name]
+        theirs = [fault for fault in faults if fault.configuration == configuration.name]
+        return StoredResult(run.store, own.stored, own.configuration.runs, theirs)
+
+    return write_results(
+        directory,
+        run.campaign,
+        run.inputs,
+        judged.instantiated.instantiation,
+        found,
+        runs=judged.runs,
+        oracles=[oracle.name for oracle in run.opened.oracles],
+        keys=run.keys,
+        record=record,
+        faults=judged.faults,
+        created=computing.created,
+        work=run.work,
+        report=report,
+        threads=1 if store_address(run.request.store) is None else _REMOTE_READERS,
+    )
 
 
 def current(run: PreparedCampaign, computing: Computing) -> Results | None:

@@ -9,12 +9,10 @@ import sys
 
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import new_directory
-from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Results
-from vastflow.flows.results.tables import StoredResult
 from vastflow.flows.run.judged import look
 from vastflow.flows.run.prepared import open_run
-from vastflow.producers.model.configuration import Configuration
+from vastflow.flows.run.reporting import write_judged
 from vastflow.sim.model.faults import UserError
 
 
@@ -30,26 +28,8 @@ def write_stored(request: RunRequest) -> Results:
         if judged is None or judged.incomplete(computing.engine):
             raise UserError("not all of these runs are judged yet, or the campaign file has changed")
 
-        def found(configuration: Configuration) -> StoredResult:
-            own = judged.found[configuration.name]
-            return StoredResult(run.store, own.stored, own.configuration.runs, [])
-
         with new_directory(run.delivery.folder, run.name, computing.created) as directory, directory.writing():
-            return write_results(
-                directory,
-                run.campaign,
-                run.inputs,
-                judged.instantiated.instantiation,
-                found,
-                runs=judged.runs,
-                oracles=[oracle.name for oracle in run.opened.oracles],
-                keys=run.keys,
-                record=run.record,
-                faults=judged.faults,
-                created=computing.created,
-                work=run.work,
-                report=lambda place: None,
-            )
+            return write_judged(run, computing, judged, directory, run.record, report=lambda place: None)
 
 
 if __name__ == "__main__":

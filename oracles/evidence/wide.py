@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Container, Iterable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
@@ -50,14 +49,11 @@ def wide_table(tables: Tables) -> pd.DataFrame:
 
 def write_wide(directory: Path, found: pd.DataFrame) -> None:
     """Write a wide table in parts, as a copy of a million rows in pyarrow's form takes 100 MB."""
-    with ExitStack() as stack:
-        writer = None
-        for start in range(0, max(len(found), 1), _ROWS):
-            rows = pa.Table.from_pandas(found.iloc[start : start + _ROWS], preserve_index=False)
-            writer = writer or stack.enter_context(
-                pq.ParquetWriter(directory / WIDE_FILE, rows.schema, compression="zstd")
-            )
-            writer.write_table(rows)
+    schema = pa.Schema.from_pandas(found, preserve_index=False)
+    with pq.ParquetWriter(directory / WIDE_FILE, schema, compression="zstd") as writer:
+        for start in range(0, len(found), _ROWS):
+            rows = found.iloc[start : start + _ROWS]
+            writer.write_table(pa.Table.from_pandas(rows, schema, preserve_index=False))
 
 
 def _of_runs(tables: Tables) -> dict[str, Any]:

@@ -108,7 +108,7 @@ def test_log_writes_while_campaign_runs(campaign):
         assert is_running(log.directory.place)
 
 
-def test_log_of_full_disk_costs_events_alone(campaign, tmp_path, caplog):
+def test_log_survives_full_disk(campaign, tmp_path, caplog):
     run, computing = campaign
     with new_directory(tmp_path, "room", CREATED) as directory:
         (directory.running / EVENTS).symlink_to("/dev/full")
@@ -218,7 +218,7 @@ def test_show_follow_refuses_folder_where_nothing_runs(tmp_path):
     assert refused("show", "--follow", "--coverage").startswith("--coverage: expected a finished campaign")
 
 
-def test_lines_name_what_is_not_passed():
+def test_lines_name_runs_that_did_not_pass():
     fault = {"configuration": "", "run_index": None, "stage": "report", "error": "broken"}
     unjudged = {**FAILED, "judgement": "not judged", "reason": None, "runs": [2]}
     events = [("fault", fault), ("verdicts", unjudged), ("verdicts", {**FAILED, "judgement": "pass"}), BEGAN]

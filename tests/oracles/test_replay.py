@@ -181,7 +181,7 @@ def test_film_shows_all_pictures_in_true_colors(occupancy, tmp_path):
     assert {FREE, rgb(GOAL_COLOR), rgb(COLORS["fail"])} <= colors
 
 
-def test_film_of_pages_leaves_pictures_out_to_stay_small(occupancy, tmp_path):
+def test_film_drops_pictures_to_stay_small(occupancy, tmp_path):
     story, snapshots = a_story(occupancy), [a_snapshot(tick) for tick in range(0, 60, 5)]
     file = tmp_path / "film.gif"
     assert still.write_film(file, story, snapshots) == 12

@@ -163,7 +163,7 @@ def promised(browser: Browser, expression: str) -> object:
     return found["result"].get("value")
 
 
-def test_browser_plays_film_once_it_is_asked_to(browser: Browser, report: Path) -> None:
+def test_browser_plays_film_on_request(browser: Browser, report: Path) -> None:
     browser.open(report)
     film = "const film = document.querySelector('video')"
     state = "[film.paused, film.videoWidth, film.duration > 1]"

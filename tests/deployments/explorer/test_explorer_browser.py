@@ -108,7 +108,9 @@ def test_list_compares_two_ticked_campaigns_by_keyboard(
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_pages_fit_a_telephone(browser: Browser, explorer: str, add_campaign: Callable[..., Path], dark: bool) -> None:
+def test_pages_fit_a_narrow_screen(
+    browser: Browser, explorer: str, add_campaign: Callable[..., Path], dark: bool
+) -> None:
     for day, lost in ((20, 0), (21, 4)):
         add_campaign(day, {"room": [lost, 1], "aisle": [0]}, text=f"version: 1\n{'# ' + 80 * 'x'}\n# {day}\n")
     narrow(browser, dark)
@@ -165,7 +167,7 @@ def test_running_campaign_is_followed_and_stopped_with_a_reason(
     assert "wrong file" in browser.value("document.querySelector('tbody').innerText")
 
 
-def test_campaign_that_ends_is_offered_at_its_own_page(
+def test_ended_campaign_links_to_its_page(
     browser: Browser, explorer: str, results: Path, add_campaign: Callable[..., Path]
 ) -> None:
     place = results / ".office-2026-11-21-060000.running"

@@ -63,7 +63,7 @@ def test_summary_counts_selection_and_gives_canonical_filter(client, campaign):
     assert found["maps"][0]["runs"] == 20
 
 
-def test_campaign_without_joined_table_is_joined_from_the_others(client, campaign):
+def test_campaign_joins_tables_without_wide_table(client, campaign):
     c, directory = campaign
     (directory / WIDE_FILE).unlink()
     found = client.get("/api/summary", params={"c": c, "f": "family=hard"}).json()
@@ -81,7 +81,7 @@ def test_campaign_is_read_anew_when_its_table_changes(client, campaign):
     assert client.get("/api/summary", params={"c": c}).json()["summary"]["runs"] == 8
 
 
-def test_replies_are_not_sent_again_to_a_browser_that_has_them(client, campaign):
+def test_known_replies_are_not_sent_again(client, campaign):
     query = {"c": campaign[0], "f": "family=hard"}
     tag = client.get("/api/facets", params=query).headers["ETag"]
     assert client.get("/api/facets", params=query, headers={"If-None-Match": tag}).status_code == 304
@@ -193,7 +193,7 @@ def test_damaged_recordings_are_counted_on_the_map(client, campaign):
     assert "damaged campaign directory" in reply.json()["error"]
 
 
-def test_damaged_map_is_said_in_place_of_the_map(client, campaign):
+def test_map_reports_damage_in_its_place(client, campaign):
     c, directory = campaign
     environment = client.get("/api/summary", params={"c": c}).json()["maps"][0]["id"]
     (directory / "environments" / environment / "map.yaml").write_text("image: 3")
@@ -214,7 +214,7 @@ def test_running_campaign_is_sent_to_its_progress(client, results):
     assert f"/live?c={running.id}" in page.text
 
 
-def test_campaign_that_was_removed_is_one_sentence(client, campaign):
+def test_removed_campaign_gives_one_sentence(client, campaign):
     c, directory = campaign
     assert client.get("/api/summary", params={"c": c}).status_code == 200
     shutil.rmtree(directory)

@@ -208,7 +208,7 @@ def test_pages_fit_390_pixels(page, campaign, dark):
         assert page.value("document.documentElement.scrollWidth") <= 390
 
 
-def test_wrong_filter_is_said_and_can_be_cleared(page, campaign):
+def test_wrong_filter_is_reported_and_can_be_cleared(page, campaign):
     visit(page, f"{page.value('location.origin')}/campaign?c={campaign}&f=nothing%3D1")
     until(page, "document.querySelector('#error .sentence')")
     assert page.value("document.querySelector('#error').innerText").startswith("expected a column of this campaign")

@@ -46,7 +46,7 @@ def test_directories_keep_ids_and_tell_equal_names_apart(directories, add_campai
     assert all(re.fullmatch(r"[A-Za-z0-9._-]+", id) for id in ids)
 
 
-def test_directories_find_what_was_there_and_refuse_the_rest(directories, add_campaign):
+def test_directories_find_known_ids_and_refuse_others(directories, add_campaign):
     path = add_campaign(20, {"room": [1]})
     (id,) = [each.id for each in directories.all()]
     assert directories.find(id).path == path
@@ -80,7 +80,7 @@ def test_list_shows_damage_beside_whole_campaigns(client, add_campaign):
     assert page.count("<tr>") == 3 and "damaged" in page and "75.0 %" in page
 
 
-def test_list_of_no_campaigns_says_where_it_looked(client, results):
+def test_empty_list_names_searched_folders(client, results):
     page = client.get("/").text
     assert "No campaign directory below" in page and str(results) in page
 
@@ -115,7 +115,7 @@ def test_list_survives_values_of_any_kind(client, add_campaign):
     assert page.status_code == 200 and "? &lt;b&gt;" in page.text and "not measured" in page.text
 
 
-def test_change_is_told_against_previous_campaign_of_the_name(directories, add_campaign):
+def test_change_compares_with_previous_campaign_of_the_name(directories, add_campaign):
     add_campaign(20, {"room": [1]}, text=TEXT)
     add_campaign(21, {"room": [1]}, text="other", name="other")
     add_campaign(22, {"room": [1]}, text=TEXT.replace("4", "8") + "  seed: 1\n")
@@ -126,14 +126,14 @@ def test_change_is_told_against_previous_campaign_of_the_name(directories, add_c
     assert newest.change.lines[0] == ("gap", "line 1")
 
 
-def test_change_tells_how_many_lines_are_left_out(directories, add_campaign):
+def test_change_counts_omitted_lines(directories, add_campaign):
     add_campaign(20, {"room": [1]}, text="a\n")
     add_campaign(21, {"room": [1]}, text="b\n" * (MOST_LINES + 50))
     change = rows(directories)[0].change
     assert (change.added, len(change.lines), change.left_out) == (MOST_LINES + 50, MOST_LINES, 52)
 
 
-def test_change_of_a_deleted_file_is_a_sentence(directories, add_campaign):
+def test_change_reports_deleted_file(directories, add_campaign):
     (add_campaign(20, {"room": [1]}) / "campaign.vast").unlink()
     add_campaign(21, {"room": [1]})
     change = rows(directories)[0].change

@@ -23,7 +23,7 @@ def test_ui_shows_its_options():
     assert {"--port", "--no-browser"} <= {*called("ui", "--help").stdout.split()}
 
 
-def test_ui_is_looked_up_when_it_is_asked_for():
+def test_ui_is_loaded_on_request():
     command = get_command(app)
     assert "ui" not in command.commands
     assert command.get_command(None, "ui").name == "ui"

@@ -57,7 +57,7 @@ def test_comparison_refuses_wrong_questions_in_a_sentence(client, two, query, st
     assert (reply.status_code, words in reply.text) == (status, True)
 
 
-def test_comparison_of_campaigns_without_common_scenario_says_so(client, two, add_campaign, id_of):
+def test_comparison_reports_lack_of_common_scenarios(client, two, add_campaign, id_of):
     other = add_campaign(22, {"yard": [0] * 9}, name="yard")
     shutil.rmtree(other / "environments")
     reply = client.get("/compare", params={"a": two[0], "b": id_of(other)})

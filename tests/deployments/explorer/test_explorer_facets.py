@@ -86,7 +86,7 @@ def test_facet_of_numbers_counts_each_run_once(facets):
     assert [each[0] for each in found["counts"]] == np.histogram(passed, edges)[0].tolist()
 
 
-def test_facet_lists_frequent_values_and_says_how_many_it_leaves_out(facets):
+def test_facet_lists_frequent_values_and_counts_omitted_ones(facets):
     found = shown(facets.json(parse_filter("reason=r19")), "reason")
     assert "r19" in [each["value"] for each in found["values"]]
     assert len(found["values"]) + found["left_out"] == runs_of()["reason"].nunique(dropna=False)
@@ -141,7 +141,7 @@ def test_rows_have_means_of_selected_runs(table):
     assert {row["configuration"]: row["values"][0] for row in found["rows"]} == pytest.approx(means.to_dict())
 
 
-def test_points_are_sampled_evenly_and_say_so(table):
+def test_points_report_even_sampling(table):
     mask = np.ones(len(table), dtype=bool)
     header, arrays = points(table, mask, ["noise", "family"], 50)
     assert (header["total"], header["shown"]) == (len(table), 50)
@@ -153,7 +153,7 @@ def test_points_are_sampled_evenly_and_say_so(table):
         assert row["noise"].item() == pytest.approx(arrays["column0"][k])
 
 
-def test_columns_that_are_constant_in_the_selection_are_parted(table):
+def test_varying_columns_are_separated_from_constant_ones(table):
     mask = mask_of(table, parse_filter("noise=0.4"))
     assert varying_of(table, mask, ["noise", "path length (m)", "robot"]) == (["path length (m)"], ["noise", "robot"])
 
@@ -230,7 +230,7 @@ def test_lines_are_those_of_selected_runs(table, walked):
         assert indices[k] == table.run_index[row]
 
 
-def test_paths_become_a_density_when_there_are_many(table, walked, monkeypatch):
+def test_paths_become_a_density_beyond_a_number(table, walked, monkeypatch):
     monkeypatch.setattr("vastflow.deployments.explorer.trajectories.MOST_PATHS", 10)
     paths, grid, _ = walked
     header, arrays = layer(paths, table, np.ones(len(table), dtype=bool), grid, "paths")

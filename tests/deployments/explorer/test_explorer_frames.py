@@ -131,7 +131,7 @@ def test_frames_of_duplicate_are_those_of_its_original(directory: Path):
     assert len(arrays["t_ms"]) == 41
 
 
-def test_stored_run_names_what_is_not_there(directory: Path):
+def test_stored_run_names_missing_parts(directory: Path):
     with pytest.raises(UnusableDirectory, match=r"no configuration 'office-3'; did you mean 'office-[12]'"):
         stored_run(directory, "office-3", 0)
     with pytest.raises(UnusableDirectory, match="office-1 has no run 2"):
@@ -141,7 +141,7 @@ def test_stored_run_names_what_is_not_there(directory: Path):
         stored_run(directory, "office-1", 0)
 
 
-def test_frames_without_recording_say_so(directory: Path):
+def test_frames_report_missing_recording(directory: Path):
     (directory / "recordings" / "office-1.parquet").unlink()
     header, arrays = unpacked(frames_of(stored_run(directory, "office-1", 1), "office-1"))
     assert header["sentence"] == "This run was not recorded; the verdicts say why."

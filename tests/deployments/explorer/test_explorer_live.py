@@ -71,7 +71,7 @@ def test_state_takes_the_later_judgement_of_a_run():
     assert [run["run"] for run in state["lost"]] == [1]
 
 
-def test_state_tells_how_many_lost_runs_are_not_listed():
+def test_state_counts_unlisted_lost_runs():
     state = state_of(verdicts("fail", *range(MOST_RECENT + 5)))
     assert (len(state["lost"]), state["lost_total"], len(state["recent"])) == (
         MOST_FAILED,
@@ -91,7 +91,7 @@ def test_state_has_progress_of_families_with_intervals_and_pace():
     assert "1 runs/s" in state["words"] and "about 4 s left" in state["words"]
 
 
-def test_state_passes_over_events_of_a_later_version():
+def test_state_ignores_events_of_later_versions():
     assert state_of(event("dreamed", of="sheep"))["end"] is None
 
 
@@ -227,7 +227,7 @@ def test_run_needs_an_index(client, add_campaign, id_of, run):
     assert (reply.status_code, "run: expected a" in reply.text) == (400, True)
 
 
-def test_run_of_campaign_that_tells_no_request_is_a_sentence(client, running, id_of):
+def test_run_reports_campaign_without_request(client, running, id_of):
     reply = client.get("/live-run", params={"c": id_of(running()), "configuration": "room-1", "run": "0"})
     assert (reply.status_code, "events don&#39;t tell how it was begun" in reply.text) == (409, True)
 

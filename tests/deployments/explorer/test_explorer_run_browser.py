@@ -260,7 +260,7 @@ def test_lock_step_takes_a_run_of_another_campaign(page: Page):
     assert page.color_at(2.95, 2.1, 1) == [28, 33, 38]
 
 
-def test_layers_come_on_request_and_are_said_to_be_equal(page: Page):
+def test_layers_come_on_request_and_report_equality(page: Page):
     page.open("executed-1", 0, t=2)
     assert page.browser.value("document.querySelectorAll('#layers input:disabled').length") == 6
     wall = page.color_at(0.5, 2.0)

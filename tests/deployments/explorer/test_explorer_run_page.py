@@ -43,7 +43,7 @@ def test_run_page_links_failed_runs_before_and_after(client, add_campaign, id_of
     assert 'class="button" data-key="n"' not in last
 
 
-def test_around_run_are_failed_ones_in_order_of_configurations(add_campaign):
+def test_around_run_finds_failed_runs_in_order_of_configurations(add_campaign):
     directory = add_campaign(3, {"noisy": [1, 0, 2], "a": [1]})
     around = [around_run(directory, *run) for run in (("noisy-1", 0), ("noisy-2", 3), ("noisy-3", 1), ("a-1", 0))]
     first, second, third, last = ("noisy-1", 0), ("noisy-3", 0), ("noisy-3", 1), ("a-1", 0)

@@ -121,7 +121,7 @@ def test_socket_listens_on_this_machine_only():
             listen(listening.getsockname()[1])
 
 
-def test_failure_inside_a_page_is_one_sentence_with_the_headers(client, monkeypatch):
+def test_failing_page_gives_one_sentence_with_headers(client, monkeypatch):
     def fails(self):
         raise RuntimeError("of the test")
 

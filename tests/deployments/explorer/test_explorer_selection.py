@@ -138,6 +138,6 @@ def test_selection_keeps_runs_of_a_factor_value(directory):
         ("noise*a", "expected a range of numbers"),
     ],
 )
-def test_filter_that_is_wrong_is_refused(directory, text, message):
+def test_wrong_filter_is_refused(directory, text, message):
     with pytest.raises(BadFilter, match=message):
         mask_of(read_run_table(directory), parse_filter(text))
