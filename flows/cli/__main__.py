@@ -31,7 +31,7 @@ from vastflow.flows.cli.store import store
 from vastflow.flows.cli.validate import validate
 from vastflow.flows.terminal.ending import BAD_INPUT
 from vastflow.sim.model.faults import UserError
-from vastflow.tasks.engine.process import few_collections
+from vastflow.tasks.engine.process import few_collections, return_freed_memory
 
 RENAMED: Final = {
     "preview": "plan FILE --pictures 4",
@@ -123,6 +123,7 @@ app.add_typer(dev, name="dev", hidden=True)
 
 def main() -> None:
     """Run the command that the arguments name."""
+    return_freed_memory()
     try:
         with few_collections():
             app()

@@ -38,8 +38,8 @@ _DRAW: Final = "draw"
 def chosen_values(configurations: ConfigurationTable, k: int) -> dict[str, Any]:
     """Values that the campaign file requests of configuration `k`, in place of values drawn from them."""
     requested = {n: value for n, (_, value) in _requested(configurations, k).items() if n.split(".")[-1] != _DRAW}
-    steps = configurations.steps[k]
-    drawn = {key for step in steps if any(key.startswith(_REQUESTED) for key in step["keys"]) for key in step["keys"]}
+    steps = configurations.written[k]
+    drawn = {key for keys in steps if any(key.startswith(_REQUESTED) for key in keys) for key in keys}
     drawn.discard("map_file")
     if WORLD.keys() & configurations.provenances[k].keys():
         drawn.add(WORLD_KEY)
@@ -71,7 +71,7 @@ def _all_but(configurations: ConfigurationTable, k: int, factor: str) -> list[An
     source = WORLD_KEY if factor in WORLD.values() else factor
     if factor in requested:
         source = _REQUESTED + requested[factor][0]
-    own = {key for step in configurations.steps[k] if source in step["keys"] for key in step["keys"]} | {source}
+    own = {key for keys in configurations.written[k] if source in keys for key in keys} | {source}
     content = {name: dict(part) for name, part in configurations.contents[k].items() if part}
     for name, part in content.items():
         for key in own & part.keys():

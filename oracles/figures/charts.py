@@ -6,6 +6,7 @@ from typing import Any, Final, Literal, NamedTuple
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ Floats = NDArray[np.float64]
 MAX_RATE_ROWS: Final = 60
 """Rows of the rate figure; beyond, it shows only families, and of these the worst."""
 _WIDTH_IN: Final = 10.0
+_MOST_LABELS: Final = 20
+"""Levels of a factor that are labelled on its axis; of more, evenly spaced ones."""
 
 
 def rates_figure(evidence: Mapping[str | None, Evidence]) -> Figure:
@@ -161,17 +164,19 @@ def _draw_factor(axes: Axes, factor: FactorEffect) -> None:
     xs = np.arange(len(factor.levels))
     # Lines that coincide stand beside each other.
     aside = np.linspace(-_ASIDE, _ASIDE, len(rates)) if len(rates) > 1 else np.zeros(len(rates))
-    for rate, shift in zip(rates, aside, strict=True):
-        known = np.isfinite(rate)
-        axes.plot(
-            (xs + shift)[known], rate[known], "o-", ms=3.5, lw=1, color=SOFT_INK, mfc="white", mew=0.9,
-            alpha=max(0.25, min(1.0, 12 / len(rates))), clip_on=False,
-        )  # fmt: skip
+    lines = [np.column_stack([xs + shift, rate])[np.isfinite(rate)] for rate, shift in zip(rates, aside, strict=True)]
+    alpha = max(0.25, min(1.0, 12 / max(len(rates), 1)))
+    axes.add_collection(LineCollection(lines, colors=SOFT_INK, linewidths=1, alpha=alpha, clip_on=False))
+    axes.plot(
+        *np.concatenate([np.empty((0, 2)), *lines]).T, "o", ms=3.5, color=SOFT_INK, mfc="white", mew=0.9, alpha=alpha,
+        clip_on=False,
+    )  # fmt: skip
     color = COLORS["fail"] if factor.matters else INK
     means = [level.failed / max(level.runs, 1) for level in factor.levels]
     axes.plot(xs, means, "D-", ms=7, lw=2.4, color=color, mec="white", mew=0.8, zorder=3, clip_on=False)
     axes.set_title(_cut(factor.name, 48), fontsize=9, color=INK, loc="left", fontweight="bold", pad=9)
-    axes.set_xticks(xs, [_cut(level.level, 84 // len(xs)) for level in factor.levels], fontsize=8)
+    labelled = xs[:: -(-len(xs) // _MOST_LABELS)]
+    axes.set_xticks(labelled, [_cut(factor.levels[x].level, 84 // len(labelled)) for x in labelled], fontsize=8)
     axes.set_xlim(-0.4, len(xs) - 0.6)
     axes.set_ylim(0, 1)
     axes.set_yticks([0, 0.25, 0.5, 0.75, 1], ["0 %", "", "50 %", "", "100 %"], fontsize=7.5)

@@ -71,9 +71,13 @@ class ConfigurationTable:
         return self._decoded("provenance")
 
     @cached_property
-    def steps(self) -> list[list[Mapping[str, Any]]]:
-        """Name as `producer` and written `keys` of each producer in turn."""
-        return [json.loads(text) if text else [] for text in self.table["steps"].to_pylist()]
+    def written(self) -> list[tuple[tuple[str, ...], ...]]:
+        """The keys that each producer in turn wrote; configurations of a family share one object."""
+        steps = (json.loads(text) if text else [] for text in self.table["steps"].to_pylist())
+        known: dict[tuple[tuple[str, ...], ...], tuple[tuple[str, ...], ...]] = {}
+        return [
+            known.setdefault(keys, keys) for keys in (tuple(tuple(step["keys"]) for step in each) for each in steps)
+        ]
 
     @cached_property
     def duplicates(self) -> dict[str, str]:

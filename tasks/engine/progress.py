@@ -181,15 +181,12 @@ class Tally:
             self._reused -= (bits & of.reused).bit_count()  # their recordings were damaged
             of.executed |= bits
             of.reused &= ~bits
-            for run, time_s in simulated_s.items():
-                if run < of.runs:
-                    self._simulated_s += time_s - of.simulated_s.get(run, 0.0)
-                    of.simulated_s[run] = time_s
-            if new and self._changes is not None:
+            if new:  # a run that is executed again takes the same simulated time
                 runs = _runs(new)
-                took_s = round(sum(simulated_s[run] for run in runs), 3)
+                took_s = sum(simulated_s[run] for run in runs)
+                self._simulated_s += took_s
                 of_whom = {"configuration": configuration, "family": of.family.family}
-                self._changed("executed", **of_whom, runs=runs, simulated_s=took_s)
+                self._changed("executed", **of_whom, runs=runs, simulated_s=round(took_s, 3))
 
     def judge(
         self, configuration: str, judgements: Mapping[int, str], reasons: Mapping[int, str] | None = None
@@ -260,7 +257,6 @@ class _ConfigurationProgress:
     Attributes:
         runs: Number of wanted runs; a block may hold more.
         most: Maximum number of wanted runs.
-        simulated_s: Simulated time of the executed runs.
         judged: Judgement to its runs.
         done: Number of judged runs.
     """
@@ -270,7 +266,6 @@ class _ConfigurationProgress:
     family: FamilyProgress
     reused: int = 0
     executed: int = 0
-    simulated_s: dict[int, float] = field(default_factory=dict)
     judged: dict[str, int] = field(default_factory=dict)
     done: int = 0
 
