@@ -256,7 +256,7 @@ def table_of(*configurations):
     return SimpleNamespace(
         factors=factors,
         provenances=provenances,
-        steps=[[{"keys": keys} for keys in each] for each in steps],
+        written=steps,
         contents=contents,
         table=pa.table({"abstract": ["builtin:navigate_to_pose"] * len(factors)}),
     )
