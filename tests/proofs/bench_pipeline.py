@@ -97,7 +97,9 @@ def called(file: Path, store: str | None = None) -> dict[str, Any]:
     Memory is of the flow's process, and of all together, which counts shared pages for each.
     """
     folder = file.parent
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
+    # With the variable of Python every process would compile its modules, which takes half of a small campaign.
+    dropped = ("PREFECT_", "PYTHONDONTWRITEBYTECODE")
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(dropped)}
     environment = {**kept, "PREFECT_HOME": str(folder / "prefect"), "VASTFLOW_STORE": store or str(folder / "store")}
     command = [
         sys.executable,
