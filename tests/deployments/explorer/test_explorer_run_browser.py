@@ -214,7 +214,9 @@ def test_time_line_and_event_list_go_to_a_moment(page: Page):
     wait(page.browser, "Math.abs(Number.parseFloat(document.querySelector('.time').textContent) - 1) < 0.02")
     page.click(x + 52 + (width - 64) * 1.25 / 2.5 + 3, y + 8)  # near a contact
     assert page.shows("1.25 s")
-    page.browser.value("[...document.querySelectorAll('.events button')].find(e => e.textContent.includes('spin')).click()")
+    page.browser.value(
+        "[...document.querySelectorAll('.events button')].find(e => e.textContent.includes('spin')).click()"
+    )
     assert page.shows("0.50 s")
 
 
