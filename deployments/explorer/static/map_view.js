@@ -42,6 +42,7 @@ export class MapView extends ShownPart {
     );
     const saved = saveButtons(name, () => this.floor && drawing);
     place.replaceChildren(drawing, element("div", { class: "row" }, ...zoom, ...saved), this.legend, this.told);
+    drawing.addEventListener("click", (event) => this.#tell(event)); // where no pointer hovers
     drawing.addEventListener("keydown", (event) => this.#key(event));
     new ResizeObserver(() => this.draw()).observe(drawing);
   }
