@@ -1,161 +1,56 @@
-/** The page of a campaign: one selection, and views of it that follow. */
-import { showParallel, showPython, showScatter } from "./campaign_charts.js";
-import { VERDICTS, verdictKey } from "./colors.js";
-import { address, element, fetchJson, fetchPacked, link, note, showError, shown, tableOf } from "./dom.js";
-import { showFacets } from "./facets.js";
-import { MapView } from "./map.js";
-import { changed, conditionWords, count, filterText, interval, percent } from "./selection.js";
-import { showTable } from "./table.js";
+/** The page of a campaign: one selection, which the address has, and views of it that follow. */
+import { parallelChart, scatterChart, widthIn } from "./chart.js";
+import { $, address, copy, count, element, fetchPacked, fetchParts, query, remember } from "./dom.js";
+import { replace, showError, shown, stepOf, tellRun, tellShown, within } from "./dom.js";
+import { brushHistograms, changed, followFields, rangeText, valuesText } from "./facets.js";
+import { MapView } from "./map_view.js";
+import { saveButtons } from "./save.js";
 
-const ROWS = 50;
 const AGAIN_MS = 1000;
-const LAYERS = { paths: "Trajectories", ends: "Final poses", rate: "Failure rate" };
-const query = new URLSearchParams(location.search);
-const c = query.get("c");
-const $ = (id) => document.getElementById(id);
-
-/** What the address has. */
-const state = {
-  f: query.get("f") ?? "",
-  map: query.get("map"),
-  layer: query.get("layer") ?? "paths",
-  sort: query.get("sort") ?? "rate",
-  descending: query.get("order") === "descending",
-  start: Number(query.get("start") ?? 0),
-  x: query.get("x"),
-  y: query.get("y"),
-  open: new Set((query.get("open") ?? "").split(",").filter(Boolean)),
-};
-let told = null;
-let waiting = new AbortController();
-const runAddress = (configuration, run) => address("/run", { c, configuration, run });
+/** Steps of keys that go to the end of a row or column of the table. */
+const FAR = { Home: [-1e6, 0], End: [1e6, 0], PageUp: [0, -1e6], PageDown: [0, 1e6] };
 const name = document.querySelector("h1").firstChild.textContent.trim();
-let map = null;
+const map = new MapView($("map").querySelector(".drawing"), `${name}-map`);
+let waiting = new AbortController();
 
-/** Put the state into the address; the back button leaves the page as before. */
-function remember() {
-  const given = {
-    c,
-    f: state.f || null,
-    map: state.map,
-    layer: state.layer === "paths" ? null : state.layer,
-    sort: state.sort === "rate" ? null : state.sort,
-    order: state.descending ? "descending" : null,
-    start: state.start || null,
-    x: state.x,
-    y: state.y,
-    open: state.open.size ? [...state.open].join(",") : null,
-  };
-  history.replaceState(null, "", address("/campaign", given));
-}
+/** Ask for a view of the selection with all that the address has, of which the server takes what it knows. */
+const view = (kind, ...more) => `/api/${kind}?${new URLSearchParams([...query, ...more])}`;
+const packed = (...asked) => fetchPacked(view(...asked), { signal: waiting.signal });
+const showPart = (kind) => fetchParts(view(kind), { signal: waiting.signal });
 
-/** Ask for a view of the selection; a change of the selection gives up what is still asked. */
-const view = (name, more = {}) => address(`/api/${name}`, { c, f: state.f || null, ...more });
-const ask = (name, more = {}) => fetchJson(view(name, more), { signal: waiting.signal });
-
-function choose(column, condition) {
-  select(changed(told?.conditions ?? [], column, condition));
-}
-
-function select(conditions) {
-  if (told) told.conditions = conditions; // a second change may come before the reply to the first
-  state.f = filterText(conditions);
-  state.start = 0;
+function setFilter(f) {
+  remember({ f, start: "" });
   refresh();
 }
 
+const choose = (column, rest) => setFilter(changed(query.get("f") ?? "", column, rest));
+
 async function refresh() {
-  waiting.abort();
+  waiting.abort(); // what is still asked of an earlier selection
   waiting = new AbortController();
-  remember();
   try {
-    const rows = showRows();
-    const [facets, summary] = await Promise.all(["facets", "summary"].map((each) => ask(each)));
-    told = summary;
+    await Promise.all(["summary", "facets", "rows"].map(showPart));
     $("error").replaceChildren();
-    state.f = told.filter;
-    remember();
-    showSummary();
-    showReasons();
-    const drawnMap = showMap();
-    showFacets($("facets"), facets, told.conditions, choose);
-    await Promise.all([rows, drawnMap, ...["scatter", "parallel", "python"].map(showDetails)]);
+    remember({ f: $("summary").querySelector("[data-filter]").dataset.filter });
+    brushHistograms($("facets"), choose);
+    await Promise.all([showMap(), showScatter(), showParallel()]);
   } catch (error) {
     showError($("error"), error);
-    if (!(error instanceof DOMException)) $("error").append(clearButton());
+    if (!(error instanceof DOMException))
+      $("error").append(element("button", { "data-clear": "" }, "Clear all filters"));
   }
-  document.documentElement.dataset.shown = String(Number(document.documentElement.dataset.shown ?? 0) + 1);
+  tellShown();
 }
 
-const clearButton = () => element("button", { click: () => select([]) }, "Clear all filters");
-
-const muted = (text) => element("span", { class: "muted" }, text);
-
-function showSummary() {
-  const { summary } = told;
-  const parts = [summary.passed, summary.failed, summary.not_judged].map((n, k) => {
-    return element("span", { class: VERDICTS[k].color }, `${count(n)} ${VERDICTS[k].word}`);
-  });
-  const rate = summary.rate === null ? "Nothing was judged" : `${percent(summary.rate)} passed`;
-  // Runs that were chosen by their result tell nothing of the rate.
-  const ends = summary.interval && !told.by_result ? `${interval(summary.interval)}, 95 % interval of these runs` : "";
-  const of = (n, all) => (n === all ? `all ${count(n)}` : `${count(n)} of ${count(all)}`);
-  const configurations = of(summary.configurations, summary.all_configurations);
-  const size = `${of(summary.runs, summary.all_runs)} runs, ${configurations} configurations`;
-  const chips = told.conditions.map((each) => {
-    const click = () => choose(each.column, null);
-    const words = conditionWords(each);
-    return element("button", { class: "chip", click, "aria-label": `Remove: ${words}` }, `${words} ✕`);
-  });
-  const files = ["csv", "parquet"].map((format) => {
-    const to = address("/api/table", { c, f: state.f || null, format });
-    return element("a", { class: "button", href: to, download: "" }, format === "csv" ? "CSV" : "Parquet");
-  });
-  const line = element("p", { class: "headline" }, element("b", {}, rate), muted(ends), ...parts, muted(size));
-  const tools = element("div", { class: "tools" }, ...chips, ...(chips.length ? [clearButton()] : []), ...files);
-  $("summary").replaceChildren(line, tools);
-}
-
-const showRows = () =>
-  shown($("table"), async () => {
-    const { sort, descending, start } = state;
-    const found = await ask("rows", { sort, order: descending ? "descending" : null, start, count: ROWS });
-    showTable($("table"), found, { c, sort, descending, size: ROWS }, (change) => {
-      Object.assign(state, change);
-      remember();
-      showRows();
-    });
-  });
-
-function showReasons() {
-  const lists = Object.entries({ cause: "Causes", reason: "Reasons" }).flatMap(([column, title]) => {
-    const { rows, left_out: hidden } = told.reasons[column];
-    const cells = rows.map(({ value, runs, configurations, configuration, run }) => {
-      const click = () => choose(column, { column, values: [value] });
-      const attributes = { class: "link", click, title: "Select these runs" };
-      const button = element("button", attributes, value ?? "none was found");
-      return [button, count(runs), count(configurations), link(runAddress(configuration, run), "example")];
-    });
-    const table = tableOf([title, "Runs", "Configurations", ""], cells, ["", "n", "n", "n"]).firstChild;
-    return rows.length ? [table, ...(hidden ? [note(`${count(hidden)} more, less frequent`)] : [])] : [];
-  });
-  const box = element("div", { class: "scroll" }, ...(lists.length ? lists : [note("No selected run failed.")]));
-  $("reasons").replaceChildren(element("h2", {}, "Why runs failed"), box);
-}
-
-const showMap = () =>
-  shown($("map"), async () => {
-    if (!told.maps.length) {
-      $("map").replaceChildren(element("h2", {}, "Map"), note("These scenarios have no map."));
-      return;
-    }
-    if (!told.maps.some(({ id }) => id === state.map)) state.map = null;
-    const environment = state.map ?? told.maps[0].id;
-    if (!map) startMap(environment);
-    const content = await fetchPacked(view("paths", { environment, layer: state.layer }), { signal: waiting.signal });
+const showMap = () => {
+  const note = $("map").querySelector(".note");
+  return shown(note, async () => {
+    const environment = $("maps").querySelector("select")?.value;
+    if (!environment) return (note.textContent = "These scenarios have no map.");
+    const content = await packed("paths", ["environment", environment]);
     const { header } = content;
-    await map.show(content, address("/api/map.png", { c, environment }));
-    const { read, configurations_here: all, damaged } = header;
+    await map.show(content, address("/api/map.png", { c: query.get("c"), environment }));
+    const { read, configurations_here: all, damaged, problem } = header;
     const words = [
       `${count(header.runs ?? 0)} recorded runs on this map.`,
       header.form === "grid" &&
@@ -164,59 +59,111 @@ const showMap = () =>
       read < all && `Read so far: ${count(read)} of ${count(all)} configurations.`,
       damaged && `${count(damaged)} recordings are damaged.`,
     ];
-    $("map").querySelector(".note").textContent = header.problem || words.filter(Boolean).join(" ");
-    if (read < all && !header.problem) {
-      const { signal } = waiting;
-      setTimeout(() => signal.aborted || showMap(), AGAIN_MS);
-    }
+    note.textContent = problem || words.filter(Boolean).join(" ");
+    const { signal } = waiting;
+    if (read < all && !problem) setTimeout(() => signal.aborted || showMap(), AGAIN_MS);
   });
-
-function startMap(environment) {
-  const layers = Object.entries(LAYERS).map(([layer, title]) => {
-    const change = () => {
-      state.layer = layer;
-      remember();
-      showMap();
-    };
-    const choice = element("input", { type: "radio", name: "layer", checked: layer === state.layer, change });
-    return element("label", {}, choice, title);
-  });
-  const choices = told.maps.map(({ id, name: title, failed }) => {
-    return element("option", { value: id, selected: id === environment }, `${title} (${count(failed)} failed)`);
-  });
-  const change = (event) => {
-    state.map = event.target.value;
-    remember();
-    showMap();
-  };
-  const maps = told.maps.length > 1 ? [element("label", {}, "Map ", element("select", { change }, ...choices))] : [];
-  const tools = element("div", { class: "tools", role: "group", "aria-label": "Layer of the map" }, ...layers, ...maps);
-  $("map").replaceChildren(element("h2", {}, "Map"), tools);
-  map = new MapView($("map"), `${name}-map`, runAddress);
-  $("map").append(verdictKey(), element("p", { class: "note muted" }));
-}
+};
 
 /** Fill a part of the page that is folded until somebody opens it. */
-function showDetails(id) {
-  const place = $(id).querySelector("div");
-  if (!$(id).open) return Promise.resolve();
-  const again = () => {
-    remember();
-    showDetails(id);
+const unfolded = (id, draw) => async () => {
+  const place = $(id).querySelector(".drawing");
+  if ($(id).open) await shown(place, () => draw(place, $(id).querySelector(".note")));
+};
+
+/** Columns of a reply with their values. */
+const columnsOf = ({ header, arrays }) => header.columns.map((each, k) => ({ ...each, values: arrays[`column${k}`] }));
+
+const sampled = ({ shown: n, total }) =>
+  n < total ? `${count(n)} of ${count(total)} runs, evenly chosen.` : `All ${count(n)} selected runs.`;
+
+const showScatter = unfolded("scatter", async (place, note) => {
+  const axes = [...$("axes").querySelectorAll("select")].map((each) => each.value);
+  if (!axes.length) return (note.textContent = "No column varies.");
+  const content = await packed("points", ...axes.map((axis) => ["column", axis]));
+  const { header, arrays } = content;
+  const [column, other] = columnsOf(content);
+  note.textContent = `${sampled(header)} A point tells its run; a rectangle that is dragged, or moved by arrow keys, selects.`;
+  const tell = (k) => {
+    tellRun(note, header.configurations[arrays.configuration[k]], arrays.run[k], arrays.verdict[k]);
   };
-  const page = { c, name, state, told, signal: waiting.signal, select, again };
-  return shown(place, () => ({ scatter: showScatter, parallel: showParallel, python: showPython })[id](place, page));
+  const chart = scatterChart(widthIn(place), column, other, arrays.verdict, tell, (x, y) =>
+    select([column, x], [other, y]),
+  );
+  replace(place, chart, element("div", { class: "row" }, ...saveButtons(`${name}-scatter`, () => chart)));
+});
+
+const showParallel = unfolded("parallel", async (place, note) => {
+  const content = await packed("points");
+  const { header, arrays } = content;
+  const columns = columnsOf(content);
+  if (!columns.length) return (note.textContent = "No column varies in the selection.");
+  const width = widthIn(place, columns.length);
+  const chart = parallelChart(width, columns, arrays.verdict, (k, ends) => select([columns[k], ends]));
+  const words = [
+    sampled(header),
+    header.constant.length && `The same in the selection: ${header.constant.join(", ")}.`,
+    header.left_out.length && `Not drawn for want of room: ${header.left_out.join(", ")}.`,
+    "Values below an axis were not measured. Drag along an axis, or use its arrow keys and Enter, to select a range.",
+  ];
+  note.textContent = words.filter(Boolean).join(" ");
+  const tools = element("div", { class: "row" }, ...saveButtons(`${name}-parallel`, () => chart));
+  replace(place, element("div", { class: "scroll" }, chart), tools);
+});
+
+/** Select ranges of some columns, of texts by their places. */
+function select(...ranges) {
+  let filter = query.get("f") ?? "";
+  for (const [{ name: column, levels }, [low, high]] of ranges) {
+    const values = levels?.filter((_, k) => k >= low - 0.3 && k <= high + 0.3);
+    if (values?.length !== 0) filter = changed(filter, column, values ? valuesText(values) : rangeText([low, high]));
+  }
+  setFilter(filter);
 }
 
-for (const id of ["scatter", "parallel", "python"]) {
-  $(id).open = state.open.has(id);
-  $(id).addEventListener("toggle", () => {
-    if ($(id).open === state.open.has(id)) return;
-    if ($(id).open) state.open.add(id);
-    else state.open.delete(id);
-    remember();
-    if (told) showDetails(id);
+document.addEventListener("click", ({ target }) => {
+  const button = target.closest("button");
+  const { column, rest, clear, go, copy: copies } = button?.dataset ?? {};
+  if (column) choose(column, rest);
+  if (clear !== undefined) setFilter("");
+  if (go) {
+    remember(Object.fromEntries(new URLSearchParams(go)));
+    shown($("rows"), () => showPart("rows"));
+  }
+  const otherwise = " The browser does not let this page copy; select the text.";
+  if (copies !== undefined) copy($("program").textContent, button.nextElementSibling, " copied", otherwise);
+});
+followFields($("facets"), choose);
+for (const [id, show] of Object.entries({ map: showMap, scatter: showScatter })) {
+  $(id).addEventListener("change", ({ target }) => {
+    remember({ [target.name]: target.value });
+    show();
   });
 }
+for (const [id, show] of Object.entries({ scatter: showScatter, parallel: showParallel, python: () => {} })) {
+  $(id).addEventListener("toggle", () => {
+    const open = [...document.querySelectorAll(".views > details[open]")].map((each) => each.id).join(",");
+    if (open === (query.get("open") ?? "")) return;
+    remember({ open });
+    show();
+  });
+}
+
+/** Move in the table by keys; the cell that had the focus last is the one that Tab reaches. */
+$("rows").addEventListener("focusin", ({ target }) => {
+  const table = target.closest("table");
+  for (const each of table?.querySelectorAll('[tabindex="0"]') ?? []) each.tabIndex = -1;
+  if (table) target.tabIndex = 0;
+});
+$("rows").addEventListener("keydown", (event) => {
+  const cell = event.target.closest("td, th");
+  const step = FAR[event.key] ?? stepOf(event);
+  if (!cell || !step) return;
+  event.preventDefault();
+  const { rows } = cell.closest("table");
+  const line = rows[within(cell.parentElement.rowIndex + step[1], 0, rows.length - 1)];
+  const next = line.cells[within(cell.cellIndex + step[0], 0, line.cells.length - 1)];
+  (next.querySelector("a, button") ?? next).focus();
+});
 $("side").open = matchMedia("(min-width: 60rem)").matches;
 refresh();
