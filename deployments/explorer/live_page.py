@@ -33,7 +33,7 @@ EVERY_S: Final = 0.5
 HEARTBEAT_S: Final = 15.0
 PATIENCE_S: Final = 120
 _WHOLE: Final = "[!.]*"
-_SHARED: Final = ("store", "map_dir", "as_v1")
+_SHARED: Final = ("runs", "store", "map_dir", "as_v1")
 """Options that decide which runs a configuration has, and where they are."""
 
 
@@ -91,11 +91,12 @@ def _fetch(campaign: CampaignDirectory, configuration: str, run_index: int, plac
     try:
         values = events[0].values
         asked = RunRequest.model_validate(values["request"]).model_dump(include={*_SHARED})
-        own = {"campaign": values["file"], "only": (configuration,), "runs": run_index + 1, "results": str(place)}
-        request, folder = RunRequest.model_validate({**asked, **own}), str(values["folder"])
+        request = RunRequest.model_validate({**asked, "campaign": values["file"], "results": str(place)})
+        folder = str(values["folder"])
     except (LookupError, ValidationError):
         raise UnusableDirectory(f"{campaign.name}: its events don't tell how it was begun.") from None
     command = [sys.executable, "-m", "vastflow.flows.run.stored", request.model_dump_json()]
+    command += [configuration, str(run_index + 1)]
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
         wrong = (done.stderr.strip().splitlines() or ["no reason given"])[-1] if done.returncode else ""

@@ -14,10 +14,12 @@ from table import each_row
 from vastflow.flows import run_campaign
 from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.minimization.failing import failing_configuration
+from vastflow.flows.request.run_request import request_of
 from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
 from vastflow.flows.run import prepared
+from vastflow.flows.run.stored import write_stored
 from vastflow.oracles.results.unusable import UnusableDirectory
-from vastflow.sim.model.faults import FileError
+from vastflow.sim.model.faults import FileError, UserError
 from vastflow.tasks.store.store import open_store
 
 pytestmark = pytest.mark.timeout(900)
@@ -157,6 +159,21 @@ def test_baseline_has_equal_points_and_leaves_search_unchanged(run, first):
     judged = json.loads((both.directory / "evidence.json").read_text())["all_oracles"]
     assert judged["campaign"]["clustered"] is None and judged["families"]["search"]["clustered"] is None
     assert judged["families"]["random"]["clustered"] is not None
+
+
+def test_points_of_running_search_are_written_from_store(place, run):
+    with pytest.raises(KeyboardInterrupt):
+        run(store="half", calls=3 * 5)
+    # The time of the process that writes them ends no search, and is not stored.
+    file = file_of(place, more="  budget: [{time: 0.001}]")
+    request = request_of(file, {"results": place / "points", "store": place / "half", "workers": 1})
+    for point in ("point-0001", "point-0005"):
+        written = write_stored(request, point, 2)
+        assert [(row["configuration"], row["run_index"]) for row in rows(written, "runs")] == [(point, 0), (point, 1)]
+        assert [row["name"] for row in rows(written, "configurations")] == [point]
+    with pytest.raises(UserError, match="not all of these runs are judged yet"):
+        write_stored(request, "point-0006", 1)
+    assert "search" not in {each.stage for each in open_store(str(place / "half")).holdings()}
 
 
 @pytest.mark.slow

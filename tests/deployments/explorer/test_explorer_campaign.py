@@ -8,6 +8,7 @@ from datetime import datetime
 import numpy as np
 import pandas as pd
 import pytest
+from pocket import SCENARIO, computed, file_of
 from table import each_row
 
 from vastflow.deployments.explorer.directories import Directories
@@ -269,3 +270,36 @@ def test_campaign_without_map_and_metrics_has_its_other_views(client, campaign):
     assert client.get("/api/configuration", params={"c": c, "name": "hard-2"}).json()["family"] is None
     header, _ = arrays_of(client.get("/api/configuration/paths", params={"c": c, "name": "hard-2"}).content)
     assert header["problem"] == "This scenario has no map."
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory):
+    """The directory of a search for times: four points of two runs, the best with ten more."""
+    place = tmp_path_factory.mktemp("pocket")
+    (place / "campaign").mkdir()
+    (place / "campaign" / "pocket.osc").write_text(SCENARIO)
+    file = file_of(place, more="  budget: [{batches: 1}]", runs="2")
+    return computed(file, place, "store", workers=1).directory
+
+
+def test_campaign_page_of_search_has_points_with_their_dimensions(client, results, searched, id_of):
+    c = id_of(shutil.copytree(searched, results / searched.name))
+    assert client.get("/campaign", params={"c": c}).status_code == 200
+    found = client.get("/api/summary", params={"c": c}).json()
+    assert (found["summary"]["runs"], found["summary"]["configurations"]) == (18, 4)
+    facets = {each["name"]: each for each in client.get("/api/facets", params={"c": c}).json()["facets"]}
+    assert facets["x"]["group"] == facets["n"]["group"] == "factor"
+    rows = client.get("/api/rows", params={"c": c, "sort": "runs", "order": "descending"}).json()["rows"]
+    assert [row["passed"] + row["failed"] for row in rows] == [12, 2, 2, 2]
+    best = json.loads((searched / "metadata.json").read_text())["search"]["best"]
+    assert (rows[0]["configuration"], rows[0]["values"][0]) == (
+        best["configuration"],
+        pytest.approx(best["point"]["x"]),
+    )
+    chosen = f"x:{best['point']['x'] - 0.01}..{best['point']['x'] + 0.01}"
+    assert client.get("/api/summary", params={"c": c, "f": chosen}).json()["summary"]["runs"] == 12
+    header, arrays = arrays_of(client.get("/api/points", params={"c": c}).content)
+    assert {"x", "n"} <= {each["name"] for each in header["columns"]} and len(arrays[0]) == 18
+    assert client.get("/configuration", params={"c": c, "name": best["configuration"]}).status_code == 200
+    page = client.get("/run", params={"c": c, "configuration": best["configuration"], "run": "11"})
+    assert page.status_code == 200
