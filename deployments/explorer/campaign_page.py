@@ -150,9 +150,9 @@ def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
         "damaged": found.damaged,
         "floor": found.floor.json() if found.floor else None,
     }
-    if not found.parts or found.floor is None:
+    if found.paths is None or found.floor is None:
         return arrays_reply({**header, "form": "nothing"}, {})
-    told, arrays = trajectories.layer(found.parts[0], campaign.table, mask, found.floor.grid, shown)
+    told, arrays = trajectories.layer(found.paths, campaign.table, mask, found.floor.grid, shown)
     return arrays_reply({**header, **told}, arrays)
 
 

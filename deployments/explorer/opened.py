@@ -1,8 +1,8 @@
-"""Opened campaigns: their tables in memory, a few at a time, read anew when a file changes."""
+"""Opened campaigns: their tables in memory, a few at a time."""
 
 import threading
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -17,7 +17,7 @@ from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 
-Stamp: TypeAlias = tuple[tuple[int, int, int], ...]
+Stamp: TypeAlias = tuple[tuple[int, int, int] | None, ...]
 
 _KEPT: Final = 2
 _CONFIGURATIONS: Final = "configurations.parquet"
@@ -59,33 +59,20 @@ class OpenedCampaigns:
     """The campaigns that were asked for last."""
 
     def __init__(self, directories: Directories) -> None:
-        self._directories = directories
-        self._opened: dict[str, Campaign] = {}
+        self.find = directories.find
+        self._opened = lru_cache(_KEPT)(_opened)
         self._lock = threading.Lock()
 
-    def find(self, id: str) -> CampaignDirectory:
-        """Return a campaign's directory; raises `NoSuchCampaign`."""
-        return self._directories.find(id)
-
     def of(self, id: str) -> Campaign:
-        """Return a campaign with its tables.
+        """Return a campaign with its tables, which are read anew when a file is another.
 
         Raises:
             NoSuchCampaign: there is none.
             UnusableDirectory: it has no runs yet, or a table is damaged.
         """
         directory = self.find(id)
-        with self._lock:
-            stamp = _stamp(directory.path)
-            known = self._opened.pop(id, None)
-            if known is None or (known.stamp, known.directory.path) != (stamp, directory.path):
-                if known is not None:
-                    known.trajectories.close()
-                known = _opened(directory, stamp)
-            self._opened[id] = known
-            if len(self._opened) > _KEPT:
-                self._opened.pop(next(iter(self._opened))).trajectories.close()
-            return known
+        with self._lock:  # two requests for one page read it once
+            return self._opened(directory, tuple(map(_stamp, (directory.path / name for name in _FILES))))
 
 
 def _opened(directory: CampaignDirectory, stamp: Stamp) -> Campaign:
@@ -102,13 +89,10 @@ def _opened(directory: CampaignDirectory, stamp: Stamp) -> Campaign:
         return Campaign(directory, stamp, table, Facets(table), trajectories)
 
 
-def _stamp(path: Path) -> Stamp:
-    """Return size, time, and number of each table's file; zeros for one that is missing."""
-    found = []
-    for name in _FILES:
-        try:
-            status = (path / name).stat()
-            found.append((status.st_size, status.st_mtime_ns, status.st_ino))
-        except OSError:
-            found.append((0, 0, 0))
-    return tuple(found)
+def _stamp(file: Path) -> tuple[int, int, int] | None:
+    """Return size, time, and number of a file; None for one that is missing."""
+    try:
+        status = file.stat()
+    except OSError:
+        return None
+    return status.st_size, status.st_mtime_ns, status.st_ino

@@ -2,9 +2,9 @@
 
 import io
 import threading
+import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
@@ -87,14 +87,12 @@ def joined(parts: Sequence[Paths]) -> Paths:
     """Return the paths of several configurations as one."""
 
     def stacked(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(part, name) for part in parts])
+        each = [getattr(part, name) for part in parts]
+        if not name.endswith("starts"):
+            return np.concatenate(each)
+        return np.asarray(np.r_[0, np.cumsum(np.concatenate([np.diff(starts) for starts in each]))])
 
-    def offsets(name: str) -> NDArray[np.int64]:
-        return np.asarray(np.r_[0, np.cumsum(np.concatenate([np.diff(getattr(part, name)) for part in parts]))])
-
-    return Paths(
-        stacked("row"), offsets("starts"), stacked("xy_m"), offsets("cell_starts"), stacked("cells"), stacked("ended")
-    )
+    return Paths(*(stacked(each.name) for each in fields(Paths)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,20 +177,53 @@ def read_paths(directory: Path, table: RunTable, configuration: int, grid: Failu
     return paths_of(first + np.searchsorted(own, index[starts[:-1]]), starts, xy_m, grid)
 
 
-@dataclass
-class _Reading:
-    """One environment while it is read."""
+class Reading(threading.Thread):
+    """The paths of an environment, read in the background.
 
-    configurations: NDArray[np.int64]
-    floor: Floor | None = None
-    problem: str = ""
-    done: int = 0
-    damaged: int = 0
-    parts: list[Paths] = field(default_factory=list)
+    Attributes:
+        configurations: Those of the environment, in an order of which a part shows the whole.
+        paths: What was read so far.
+        problem: Why nothing can be read; empty where it can.
+        done, damaged: Numbers of configurations.
+    """
+
+    def __init__(self, directory: Path, table: RunTable, environment: str, configurations: NDArray[np.int64]) -> None:
+        super().__init__(daemon=True)
+        order = np.argsort(np.arange(len(configurations)) * _GOLDEN % 1.0)
+        self.configurations: list[int] = configurations[order].tolist()
+        self.floor: Floor | None = None
+        self.paths: Paths | None = None
+        self.problem, self.done, self.damaged = "", 0, 0
+        self._directory, self._table, self._environment = directory, table, environment
+
+    def run(self) -> None:
+        """Read the map, and then recording after recording."""
+        try:
+            self.floor = floor_of(self._directory, self._environment)
+        except (OSError, ValueError) as error:
+            self.problem = " ".join(str(error).split())
+            return
+        parts: list[Paths] = []
+        shown_s = time.monotonic()
+        for done, k in enumerate(self.configurations, start=1):
+            try:
+                found = read_paths(self._directory, self._table, k, self.floor.grid)
+                parts += [] if found is None else [found]
+            except (OSError, ValueError, LookupError, TypeError, ArithmeticError):
+                self.damaged += 1
+            if parts and (time.monotonic() > shown_s + _SHOWN_S or done == len(self.configurations)):
+                self.paths = joined([*([self.paths] if self.paths else []), *parts])
+                parts, shown_s = [], time.monotonic()
+            self.done = done  # after its paths are there
+
+
+_GOLDEN: Final = 0.6180339887498949
+_SHOWN_S: Final = 0.2
+"""Time between two moments at which what was read is shown."""
 
 
 class Trajectories:
-    """The paths of a campaign, read by a thread for each environment once it was asked for.
+    """The paths of a campaign, read environment by environment once they are asked for.
 
     Args:
         environments: (configurations,) digest of each configuration's map, None without one.
@@ -201,54 +232,18 @@ class Trajectories:
     def __init__(self, directory: Path, table: RunTable, environments: Sequence[str | None]) -> None:
         self._directory, self._table = directory, table
         self.environments = np.array([each or "" for each in environments], dtype=np.str_)
-        self._readings: dict[str, _Reading] = {}
-        self._changed = threading.Condition()
-        self._closed = False
+        self._readings: dict[str, Reading] = {}
+        self._lock = threading.Lock()
 
-    def close(self) -> None:
-        """End the thread."""
-        self._closed = True
-
-    def read(self, environment: str, wait_s: float) -> _Reading:
+    def read(self, environment: str, wait_s: float) -> Reading:
         """Return what was read of an environment, which begins with the first call; wait at most `wait_s` for all."""
-        with self._changed:
-            if environment not in self._readings:
+        with self._lock:
+            if (reading := self._readings.get(environment)) is None:
                 of = np.flatnonzero(self.environments == environment)
-                self._readings[environment] = _Reading(of)
-                threading.Thread(target=self._run, args=(environment,), daemon=True).start()
-            reading = self._readings[environment]
-            self._changed.wait_for(lambda: reading.problem or reading.done == len(reading.configurations), wait_s)
-            if len(reading.parts) > 1:
-                reading.parts = [joined(reading.parts)]
-            return replace(reading, parts=[*reading.parts])
-
-    def _run(self, environment: str) -> None:
-        reading = self._readings[environment]
-        try:
-            reading.floor = floor_of(self._directory, environment)
-        except (OSError, ValueError) as error:
-            with self._changed:
-                reading.problem = " ".join(str(error).split())
-                self._changed.notify_all()
-            return
-        # Evenly spread, so that a part of them shows the whole.
-        order = np.argsort(np.arange(len(reading.configurations)) * _GOLDEN % 1.0)
-        for k in reading.configurations[order].tolist():
-            if self._closed:
-                return
-            found, damaged = None, 1
-            with suppress(OSError, ValueError, LookupError, TypeError, ArithmeticError):
-                found, damaged = read_paths(self._directory, self._table, k, reading.floor.grid), 0
-            with self._changed:
-                reading.done += 1
-                reading.damaged += damaged
-                if found is not None:
-                    reading.parts.append(found)
-                if reading.done == len(reading.configurations):
-                    self._changed.notify_all()
-
-
-_GOLDEN: Final = 0.6180339887498949
+                reading = self._readings[environment] = Reading(self._directory, self._table, environment, of)
+                reading.start()
+        reading.join(wait_s)
+        return reading
 
 
 def layer(
