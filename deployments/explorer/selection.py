@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.varied import MEASURED, PATH_PROPERTIES
 from vastflow.oracles.results.schema import floats
-from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS, read_tables, run_keys
+from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS, run_keys
 from vastflow.sim.model.faults import UserError
 
 Group: TypeAlias = Literal["run", "verdict", "metric", "factor", "path"]
@@ -245,27 +245,17 @@ def _of_levels(column: Column, chosen: Sequence[bool], *, missing: bool) -> Bool
 
 
 def read_run_table(directory: Path) -> RunTable:
-    """Read the runs of a campaign directory; where `runs_wide.parquet` is missing they are joined from the other tables.
+    """Read the runs of a campaign directory.
 
     Raises:
-        OSError, ValueError: a table that is missing or damaged.
+        OSError, ValueError: their table is missing or damaged.
     """
-    file = directory / WIDE_FILE
-    if file.is_file():
-        # One column after another, as all of them at once take twice the memory.
-        return run_table_of(*_columns_of(file))
-    from vastflow.oracles.evidence.wide import wide_table
-
-    joined = pa.Table.from_pandas(wide_table(read_tables(directory)), preserve_index=False)
-    return run_table_of(joined.column_names, joined.column)
-
-
-def _columns_of(file: Path) -> tuple[Sequence[str], Callable[[str], Any]]:
     try:
-        opened = pq.ParquetFile(file)
-    except (pa.ArrowException, OSError) as error:
-        raise ValueError(f"{file.name}: can't be read: {' '.join(str(error).split())}") from None
-    return opened.schema_arrow.names, lambda name: opened.read(columns=[name]).unify_dictionaries()[name]
+        file = pq.ParquetFile(directory / WIDE_FILE)
+    except pa.ArrowException as error:
+        raise ValueError(f"{WIDE_FILE}: can't be read: {' '.join(str(error).split())}") from None
+    # One column after another, as all of them at once take twice the memory.
+    return run_table_of(file.schema_arrow.names, lambda name: file.read(columns=[name]).unify_dictionaries()[name])
 
 
 def run_table_of(names: Sequence[str], column: Callable[[str], Any]) -> RunTable:
@@ -318,25 +308,12 @@ def is_by_result(table: RunTable, chosen: Filter) -> bool:
 
 
 def python_of(table: RunTable, chosen: Filter, directory: Path) -> str:
-    """Return a pandas program that selects the same runs from the campaign directory's table.
-
-    Where the directory has no `runs_wide.parquet`, the program needs vastflow to join one.
-    """
-    if (directory / WIDE_FILE).is_file():
-        lines = ["import pandas as pd", "", f"runs = pd.read_parquet({str(directory / WIDE_FILE)!r})"]
-    else:
-        lines = [
-            "from pathlib import Path",
-            "",
-            "from vastflow.oracles.evidence.wide import wide_table",
-            "from vastflow.oracles.results.tables import read_tables",
-            "",
-            f"runs = wide_table(read_tables(Path({str(directory)!r})))",
-        ]
-    parts = [_expression(table.column(each.column), each) for each in chosen.conditions]
-    joined = "\n    & ".join(f"({part})" for part in parts)
-    lines.append(f"selection = runs[\n    {joined}\n]" if parts else "selection = runs")
-    return "\n".join([*lines, ""])
+    """Return a pandas program that selects the same runs from the campaign directory's table."""
+    parts = [f"({_expression(table.column(each.column), each)})" for each in chosen.conditions]
+    joined = "\n    & ".join(parts)
+    selection = f"runs[\n    {joined}\n]" if parts else "runs"
+    file = str(directory / WIDE_FILE)
+    return f"import pandas as pd\n\nruns = pd.read_parquet({file!r})\nselection = {selection}\n"
 
 
 def _expression(column: Column, condition: Condition) -> str:

@@ -1,4 +1,4 @@
-"""Stored runs: a campaign directory of one configuration's runs that the store has by now, without a report.
+"""Stored runs: a campaign directory of one configuration's runs that the store has by now, with tables alone.
 
     python -m vastflow.flows.run.stored REQUEST CONFIGURATION RUNS
 
@@ -19,6 +19,8 @@ from vastflow.flows.run.judged import Judged, look, through
 from vastflow.flows.run.prepared import PreparedCampaign, open_run
 from vastflow.flows.run.reporting import write_judged
 from vastflow.flows.search.progress import BatchClock, SearchProgress
+from vastflow.oracles.evidence.wide import wide_table, write_wide
+from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.engine.index import FoundRuns
 
@@ -45,7 +47,11 @@ def write_stored(request: RunRequest, configuration: str, runs: int) -> Results:
             raise UserError("not all of these runs are judged yet, or the campaign file has changed")
 
         with new_directory(run.delivery.folder, run.name, computing.created) as directory, directory.writing():
-            return write_judged(run, computing, judged, directory, run.record, report=lambda place: None)
+            return write_judged(run, computing, judged, directory, run.record, _report)
+
+
+def _report(place: Path) -> None:
+    write_wide(place, wide_table(read_tables(place)))
 
 
 def _of_point(

@@ -12,9 +12,8 @@ from pocket import SCENARIO, computed, file_of
 from table import each_row
 
 from vastflow.deployments.explorer.directories import Directories
-from vastflow.oracles.evidence.wide import WIDE_FILE, wide_table, write_wide
+from vastflow.oracles.evidence.wide import WIDE_FILE
 from vastflow.oracles.results.events import EVENTS, Event
-from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.results.unfinished import WRITER, writer
 
 FAMILIES = {"easy": [0, 0, 1], "hard": [4, 2]}
@@ -24,7 +23,6 @@ FAMILIES = {"easy": [0, 0, 1], "hard": [4, 2]}
 def campaign(add_campaign, id_of):
     """A campaign of five configurations and twenty runs, seven of which failed; its id and directory."""
     directory = add_campaign(3, FAMILIES)
-    write_wide(directory, wide_table(read_tables(directory)))
     return id_of(directory), directory
 
 
@@ -64,15 +62,11 @@ def test_summary_counts_selection_and_gives_canonical_filter(client, campaign):
     assert found["maps"][0]["runs"] == 20
 
 
-def test_campaign_joins_tables_without_wide_table(client, campaign):
+def test_campaign_without_wide_table_is_one_sentence(client, campaign):
     c, directory = campaign
     (directory / WIDE_FILE).unlink()
-    found = client.get("/api/summary", params={"c": c, "f": "family=hard"}).json()
-    assert found["summary"]["failed"] == 6
-    names = {}
-    exec(found["python"], names)  # noqa: S102
-    assert len(names["selection"]) == 8
-    assert len(client.get("/api/table", params={"c": c, "f": "passed=fail"}).text.splitlines()) == 1 + 7
+    reply = client.get("/api/summary", params={"c": c})
+    assert (reply.status_code, WIDE_FILE in reply.json()["error"]) == (409, True)
 
 
 def test_campaign_is_read_anew_when_its_table_changes(client, campaign):
@@ -175,7 +169,6 @@ def test_wrong_request_is_one_sentence(client, campaign, address, query, message
 @each_row("name", [WIDE_FILE, "configurations.parquet"])
 def test_damaged_table_is_one_sentence(client, add_campaign, id_of, tmp_path, name):
     directory = add_campaign(4, FAMILIES, name=f"broken-{name[0]}")
-    write_wide(directory, wide_table(read_tables(directory)))
     (directory / name).write_bytes((directory / name).read_bytes()[:-200])
     page = client.get("/campaign", params={"c": id_of(directory)})
     assert page.status_code == 409
