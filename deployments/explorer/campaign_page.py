@@ -1,6 +1,6 @@
 """The page of a campaign: facets, map, table, scatter, and parallel coordinates of a selection of its runs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -19,7 +19,7 @@ from vastflow.deployments.explorer import facets, trajectories
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import arrays_reply, json_reply, name_of, number_of, unless_known
+from vastflow.deployments.explorer.replies import arrays_reply, name_of, number_of, unless_known
 from vastflow.deployments.explorer.selection import (
     WIDE_FILE,
     Bools,
@@ -47,7 +47,8 @@ _WAIT_S: Final = 0.05
 """Time that a request waits for paths; what is read meanwhile comes with the next."""
 _FORMATS: Final = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
 
-View = Callable[[Request, Campaign, Filter, Bools], Response]
+View = Callable[[Request, Campaign, Filter, Bools], Response | Mapping[str, Any]]
+"""Makes a reply, or the values of the template that has the view's name."""
 
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
@@ -65,13 +66,14 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             problem = str(error)
         return pages.page(request, "campaign.html.j2", 409 if problem else 200, campaign=directory, problem=problem)
 
-    def view(made: View) -> Callable[[Request], Response]:
+    def view(name: str, made: View) -> Callable[[Request], Response]:
         def answer(request: Request) -> Response:
             campaign = opened.of(name_of(request, "c"))
             chosen = parse_filter(request.query_params.get("f", ""))
 
             def reply() -> Response:
-                return made(request, campaign, chosen, mask_of(campaign.table, chosen))
+                found = made(request, campaign, chosen, mask_of(campaign.table, chosen))
+                return found if isinstance(found, Response) else pages.part(request, f"{name}.html.j2", found)
 
             # More paths are read meanwhile.
             return reply() if made is paths else unless_known(request, campaign.stamp, reply)
@@ -89,14 +91,14 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     }
     return [
         Route("/campaign", page),
-        *(Route(f"/api/{name}", view(made)) for name, made in views.items()),
+        *(Route(f"/api/{name}", view(name, made)) for name, made in views.items()),
         *configuration_page.routes(opened, pages),
     ]
 
 
-def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
+def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Mapping[str, Any]:
     """Return the counts of the selection, its reasons, its program, and the choices of the page."""
-    found: dict[str, Any] = {
+    return {
         "filter": format_filter(chosen),
         "conditions": [asdict(each) for each in chosen.conditions],
         "summary": facets.summary_json(campaign.table, mask),
@@ -106,21 +108,19 @@ def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -
         "maps": campaign.maps,
         "python": python_of(campaign.table, chosen, campaign.directory.path),
     }
-    return json_reply(found)
 
 
-def facet_counts(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
+def facet_counts(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Mapping[str, Any]:
     """Return each facet's counts under the other facets' conditions."""
-    return json_reply(campaign.facets.json(chosen))
+    return {**campaign.facets.json(chosen), "conditions": {each.column: asdict(each) for each in chosen.conditions}}
 
 
-def rows(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
+def rows(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Mapping[str, Any]:
     """Return a page of the selection's configurations."""
     start, count = number_of(request, "start", 0), min(number_of(request, "count", _ROWS), MOST_ROWS)
     sort, descending = request.query_params.get("sort", "rate"), request.query_params.get("order") == "descending"
     shown = request.query_params.getlist("column") or campaign.facets.varying("factor")[:_SHOWN_FACTORS]
-    found = facets.rows_json(campaign.table, mask, shown, sort, descending=descending, start=start, count=count)
-    return json_reply(found)
+    return facets.rows_json(campaign.table, mask, shown, sort, descending=descending, start=start, count=count)
 
 
 def points(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:

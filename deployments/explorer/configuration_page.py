@@ -45,12 +45,15 @@ def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
 
     def page(request: Request) -> Response:
         directory, name = opened.find(name_of(request, "c")), name_of(request, "name")
+        found: Mapping[str, Any] = {}
         problem = ""
         try:
-            index_of(opened.of(directory.id).table, name)
+            campaign = opened.of(directory.id)
+            with reading(f"{directory.path}: {name}"):
+                found = values_of(campaign, index_of(campaign.table, name))
         except UserError as error:
             problem = str(error)
-        values = {"campaign": directory, "name": name, "problem": problem}
+        values = {"campaign": directory, "name": name, "problem": problem, "found": found}
         return pages.page(request, "configuration.html.j2", 404 if problem else 200, **values)
 
     def view(made: Callable[[Request, Campaign, int], Response]) -> Callable[[Request], Response]:
@@ -82,6 +85,11 @@ def index_of(table: RunTable, name: str) -> int:
 
 
 def runs_and_neighbor(request: Request, campaign: Campaign, k: int) -> Response:
+    """Return the values of the page as JSON."""
+    return json_reply(values_of(campaign, k))
+
+
+def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
     """Return the runs with their events, the values of the configuration, and its nearest neighbor of the other verdict."""
     table = campaign.table
     first, last = np.searchsorted(table.configuration, (k, k + 1)).tolist()
@@ -96,24 +104,22 @@ def runs_and_neighbor(request: Request, campaign: Campaign, k: int) -> Response:
         events += [{"run": run, **{key: each[key] for key in ("t_s", "kind", "x_m", "y_m", "what")}} for each in found]
     counts = Chosen(table, np.ones(len(table), dtype=np.bool_)).counts
     passed, failed, not_judged = counts[k].tolist()
-    return json_reply(
-        {
-            "passed": passed,
-            "failed": failed,
-            "not_judged": not_judged,
-            **rate_json(Counts(passed, failed, not_judged)),
-            "family": value_of(table, "family", first),
-            "values": [
-                {"name": n, "value": value_of(table, n, first)} for n, c in table.columns.items() if c.group in _GIVEN
-            ],
-            "runs": runs,
-            "events": events,
-            "neighbor": neighbor(table, counts, k),
-            "signals": _signal_names(campaign, k) if rows else [],
-            "environment": str(campaign.trajectories.environments[k]) or None,
-            "around": surroundings(campaign.directory.path, table.configurations[k], list(rows.values())),
-        }
-    )
+    return {
+        "passed": passed,
+        "failed": failed,
+        "not_judged": not_judged,
+        **rate_json(Counts(passed, failed, not_judged)),
+        "family": value_of(table, "family", first),
+        "values": [
+            {"name": n, "value": value_of(table, n, first)} for n, c in table.columns.items() if c.group in _GIVEN
+        ],
+        "runs": runs,
+        "events": events,
+        "neighbor": neighbor(table, counts, k),
+        "signals": _signal_names(campaign, k) if rows else [],
+        "environment": str(campaign.trajectories.environments[k]) or None,
+        "around": surroundings(campaign.directory.path, table.configurations[k], list(rows.values())),
+    }
 
 
 def surroundings(directory: Path, name: str, rows: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:

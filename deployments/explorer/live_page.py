@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
@@ -122,7 +122,11 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
 
     async def events(request: Request) -> Response:
         follower = Follower(await asyncio.to_thread(directories.find, name_of(request, "c")))
-        return StreamingResponse(_stream(follower), media_type="text/event-stream")
+
+        def html(state: Mapping[str, Any]) -> str:
+            return bytes(pages.page(request, "live_state.html.j2", **state).body).decode()
+
+        return StreamingResponse(_stream(follower, html), media_type="text/event-stream")
 
     async def stop(request: Request) -> Response:
         campaign = await asyncio.to_thread(directories.find, name_of(request, "c"))
@@ -143,14 +147,14 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     ]
 
 
-async def _stream(follower: Follower) -> AsyncIterator[str]:
-    """Yield states as they change, to that of the end, and comments as signs of life."""
-    shown, said_s = "", time.monotonic()
+async def _stream(follower: Follower, html: Callable[[Mapping[str, Any]], str]) -> AsyncIterator[str]:
+    """Yield states and their parts of the page as they change, to the end, and comments as signs of life."""
+    shown, said_s = dict[str, Any](), time.monotonic()
     while True:
-        text = json.dumps(await asyncio.to_thread(follower.look))
-        if text != shown:
-            shown, said_s = text, time.monotonic()
-            yield f"data: {text}\n\n"
+        state = await asyncio.to_thread(follower.look)
+        if state != shown:
+            shown, said_s = state, time.monotonic()
+            yield f"data: {json.dumps({**state, 'html': html(state)})}\n\n"
         elif time.monotonic() - said_s > HEARTBEAT_S:
             said_s = time.monotonic()
             yield ": still here\n\n"

@@ -1,5 +1,6 @@
 """Pages: templates of the package, filled in and answered."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlencode
@@ -7,6 +8,8 @@ from urllib.parse import urlencode
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
+
+from vastflow.deployments.explorer.replies import json_reply, wants_html
 
 TEMPLATES: Final = Path(__file__).with_name("templates")
 API: Final = "/api/"
@@ -31,6 +34,10 @@ class Pages:
         """Return a page; `request` and `values` are names in the template."""
         text = self._environment.get_template(template).render(request=request, **values)
         return HTMLResponse(text.encode(errors="replace"), status)  # names of files and in JSON may be no Unicode
+
+    def part(self, request: Request, template: str, values: Mapping[str, Any]) -> Response:
+        """Return values as a part of a page, or as JSON for programs."""
+        return self.page(request, template, **values) if wants_html(request) else json_reply(values)
 
     def sentence(self, request: Request, status: int, text: str) -> Response:
         """Return a page, or JSON below `/api/`, that says in one sentence what went wrong."""

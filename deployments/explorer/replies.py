@@ -32,6 +32,11 @@ def number_of(request: Request, name: str, otherwise: int | None = None) -> int:
     return int(given)
 
 
+def wants_html(request: Request) -> bool:
+    """Whether a request asks for a part of a page, and not for its values."""
+    return "text/html" in request.headers.get("accept", "")
+
+
 def json_reply(value: Any) -> Response:
     """Return `value` as JSON; numbers that are not finite have to be None."""
     return Response(json.dumps(value, allow_nan=False, ensure_ascii=False), media_type="application/json")
@@ -44,7 +49,7 @@ def arrays_reply(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) 
 
 def unless_known(request: Request, stamp: object, made: Callable[[], Response]) -> Response:
     """Return the reply of files with a stamp to an address, or 304 to a browser that has it."""
-    text = f"{stamp}{request.url.path}?{request.url.query}"
+    text = f"{stamp}{request.url.path}?{request.url.query} {wants_html(request)}"
     tag = f'"{hashlib.sha256(text.encode()).hexdigest()[:24]}"'
     if request.headers.get("if-none-match") == tag:
         return Response(status_code=304, headers={"ETag": tag})

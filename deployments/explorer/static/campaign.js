@@ -1,161 +1,70 @@
-/** The page of a campaign: one selection, and views of it that follow. */
-import { showParallel, showPython, showScatter } from "./campaign_charts.js";
-import { VERDICTS, verdictKey } from "./colors.js";
-import { address, element, fetchJson, fetchPacked, link, note, showError, shown, tableOf } from "./dom.js";
-import { showFacets } from "./facets.js";
-import { MapView } from "./map.js";
-import { changed, conditionWords, count, filterText, interval, percent } from "./selection.js";
-import { showTable } from "./table.js";
+/** The page of a campaign: one selection, which the address has, and views of it that follow. */
+import { parallelChart, scatterChart, widthIn } from "./chart.js";
+import { $, address, copy, count, element, fetchPacked, fetchParts, link, replace } from "./dom.js";
+import { showError, shown, tellShown, VERDICTS } from "./dom.js";
+import { brushHistograms, changed, followFields, rangeText, valuesText } from "./facets.js";
+import { MapView } from "./map_view.js";
+import { saveButtons } from "./save.js";
 
-const ROWS = 50;
 const AGAIN_MS = 1000;
-const LAYERS = { paths: "Trajectories", ends: "Final poses", rate: "Failure rate" };
 const query = new URLSearchParams(location.search);
 const c = query.get("c");
-const $ = (id) => document.getElementById(id);
-
-/** What the address has. */
-const state = {
-  f: query.get("f") ?? "",
-  map: query.get("map"),
-  layer: query.get("layer") ?? "paths",
-  sort: query.get("sort") ?? "rate",
-  descending: query.get("order") === "descending",
-  start: Number(query.get("start") ?? 0),
-  x: query.get("x"),
-  y: query.get("y"),
-  open: new Set((query.get("open") ?? "").split(",").filter(Boolean)),
-};
-let told = null;
-let waiting = new AbortController();
-const runAddress = (configuration, run) => address("/run", { c, configuration, run });
 const name = document.querySelector("h1").firstChild.textContent.trim();
-let map = null;
+const runAddress = (configuration, run) => address("/run", { c, configuration, run });
+const map = new MapView($("map").querySelector(".drawing"), `${name}-map`, runAddress);
+let waiting = new AbortController();
 
-/** Put the state into the address; the back button leaves the page as before. */
-function remember() {
-  const given = {
-    c,
-    f: state.f || null,
-    map: state.map,
-    layer: state.layer === "paths" ? null : state.layer,
-    sort: state.sort === "rate" ? null : state.sort,
-    order: state.descending ? "descending" : null,
-    start: state.start || null,
-    x: state.x,
-    y: state.y,
-    open: state.open.size ? [...state.open].join(",") : null,
-  };
-  history.replaceState(null, "", address("/campaign", given));
+/** The address of a view of the selection. */
+const view = (kind, more = {}) => address(`/api/${kind}`, { c, f: query.get("f"), ...more });
+const packed = (kind, more) => fetchPacked(view(kind, more), { signal: waiting.signal });
+const parts = (kind, more) => fetchParts(view(kind, more), { signal: waiting.signal });
+
+/** Put changes into the address; the back button leaves the page as before. */
+function remember(changes) {
+  for (const [key, value] of Object.entries(changes)) {
+    if (value) query.set(key, value);
+    else query.delete(key);
+  }
+  history.replaceState(null, "", `?${query}`);
 }
 
-/** Ask for a view of the selection; a change of the selection gives up what is still asked. */
-const view = (name, more = {}) => address(`/api/${name}`, { c, f: state.f || null, ...more });
-const ask = (name, more = {}) => fetchJson(view(name, more), { signal: waiting.signal });
-
-function choose(column, condition) {
-  select(changed(told?.conditions ?? [], column, condition));
-}
-
-function select(conditions) {
-  if (told) told.conditions = conditions; // a second change may come before the reply to the first
-  state.f = filterText(conditions);
-  state.start = 0;
+function choose(column, rest) {
+  remember({ f: changed(query.get("f") ?? "", column, rest), start: "" });
   refresh();
 }
 
 async function refresh() {
-  waiting.abort();
+  waiting.abort(); // what is still asked of an earlier selection
   waiting = new AbortController();
-  remember();
   try {
-    const rows = showRows();
-    const [facets, summary] = await Promise.all(["facets", "summary"].map((each) => ask(each)));
-    told = summary;
+    const asked = Object.fromEntries(["x", "y", "map"].map((key) => [key, query.get(key)]));
+    await Promise.all([showRows(), parts("facets"), parts("summary", asked)]);
     $("error").replaceChildren();
-    state.f = told.filter;
-    remember();
-    showSummary();
-    showReasons();
-    const drawnMap = showMap();
-    showFacets($("facets"), facets, told.conditions, choose);
-    await Promise.all([rows, drawnMap, ...["scatter", "parallel", "python"].map(showDetails)]);
+    remember({ f: $("summary").querySelector("[data-filter]").dataset.filter });
+    brushHistograms($("facets"), choose);
+    await Promise.all([showMap(), showScatter(), showParallel()]);
   } catch (error) {
     showError($("error"), error);
-    if (!(error instanceof DOMException)) $("error").append(clearButton());
+    if (!(error instanceof DOMException))
+      $("error").append(element("button", { "data-clear": "" }, "Clear all filters"));
   }
-  document.documentElement.dataset.shown = String(Number(document.documentElement.dataset.shown ?? 0) + 1);
-}
-
-const clearButton = () => element("button", { click: () => select([]) }, "Clear all filters");
-
-const muted = (text) => element("span", { class: "muted" }, text);
-
-function showSummary() {
-  const { summary } = told;
-  const parts = [summary.passed, summary.failed, summary.not_judged].map((n, k) => {
-    return element("span", { class: VERDICTS[k].color }, `${count(n)} ${VERDICTS[k].word}`);
-  });
-  const rate = summary.rate === null ? "Nothing was judged" : `${percent(summary.rate)} passed`;
-  // Runs that were chosen by their result tell nothing of the rate.
-  const ends = summary.interval && !told.by_result ? `${interval(summary.interval)}, 95 % interval of these runs` : "";
-  const of = (n, all) => (n === all ? `all ${count(n)}` : `${count(n)} of ${count(all)}`);
-  const configurations = of(summary.configurations, summary.all_configurations);
-  const size = `${of(summary.runs, summary.all_runs)} runs, ${configurations} configurations`;
-  const chips = told.conditions.map((each) => {
-    const click = () => choose(each.column, null);
-    const words = conditionWords(each);
-    return element("button", { class: "chip", click, "aria-label": `Remove: ${words}` }, `${words} ✕`);
-  });
-  const files = ["csv", "parquet"].map((format) => {
-    const to = address("/api/table", { c, f: state.f || null, format });
-    return element("a", { class: "button", href: to, download: "" }, format === "csv" ? "CSV" : "Parquet");
-  });
-  const line = element("p", { class: "headline" }, element("b", {}, rate), muted(ends), ...parts, muted(size));
-  const tools = element("div", { class: "tools" }, ...chips, ...(chips.length ? [clearButton()] : []), ...files);
-  $("summary").replaceChildren(line, tools);
+  tellShown();
 }
 
 const showRows = () =>
-  shown($("table"), async () => {
-    const { sort, descending, start } = state;
-    const found = await ask("rows", { sort, order: descending ? "descending" : null, start, count: ROWS });
-    showTable($("table"), found, { c, sort, descending, size: ROWS }, (change) => {
-      Object.assign(state, change);
-      remember();
-      showRows();
-    });
-  });
-
-function showReasons() {
-  const lists = Object.entries({ cause: "Causes", reason: "Reasons" }).flatMap(([column, title]) => {
-    const { rows, left_out: hidden } = told.reasons[column];
-    const cells = rows.map(({ value, runs, configurations, configuration, run }) => {
-      const click = () => choose(column, { column, values: [value] });
-      const attributes = { class: "link", click, title: "Select these runs" };
-      const button = element("button", attributes, value ?? "none was found");
-      return [button, count(runs), count(configurations), link(runAddress(configuration, run), "example")];
-    });
-    const table = tableOf([title, "Runs", "Configurations", ""], cells, ["", "n", "n", "n"]).firstChild;
-    return rows.length ? [table, ...(hidden ? [note(`${count(hidden)} more, less frequent`)] : [])] : [];
-  });
-  const box = element("div", { class: "scroll" }, ...(lists.length ? lists : [note("No selected run failed.")]));
-  $("reasons").replaceChildren(element("h2", {}, "Why runs failed"), box);
-}
+  shown($("rows"), () =>
+    parts("rows", Object.fromEntries(["sort", "order", "start"].map((key) => [key, query.get(key)]))),
+  );
 
 const showMap = () =>
-  shown($("map"), async () => {
-    if (!told.maps.length) {
-      $("map").replaceChildren(element("h2", {}, "Map"), note("These scenarios have no map."));
-      return;
-    }
-    if (!told.maps.some(({ id }) => id === state.map)) state.map = null;
-    const environment = state.map ?? told.maps[0].id;
-    if (!map) startMap(environment);
-    const content = await fetchPacked(view("paths", { environment, layer: state.layer }), { signal: waiting.signal });
+  shown($("map").querySelector(".drawing"), async () => {
+    const note = $("map").querySelector(".note");
+    const environment = $("maps").querySelector("select")?.value;
+    if (!environment) return (note.textContent = "These scenarios have no map.");
+    const content = await packed("paths", { environment, layer: query.get("layer") });
     const { header } = content;
     await map.show(content, address("/api/map.png", { c, environment }));
-    const { read, configurations_here: all, damaged } = header;
+    const { read, configurations_here: all, damaged, problem } = header;
     const words = [
       `${count(header.runs ?? 0)} recorded runs on this map.`,
       header.form === "grid" &&
@@ -164,59 +73,129 @@ const showMap = () =>
       read < all && `Read so far: ${count(read)} of ${count(all)} configurations.`,
       damaged && `${count(damaged)} recordings are damaged.`,
     ];
-    $("map").querySelector(".note").textContent = header.problem || words.filter(Boolean).join(" ");
-    if (read < all && !header.problem) {
-      const { signal } = waiting;
-      setTimeout(() => signal.aborted || showMap(), AGAIN_MS);
-    }
+    note.textContent = problem || words.filter(Boolean).join(" ");
+    const { signal } = waiting;
+    if (read < all && !problem) setTimeout(() => signal.aborted || showMap(), AGAIN_MS);
   });
-
-function startMap(environment) {
-  const layers = Object.entries(LAYERS).map(([layer, title]) => {
-    const change = () => {
-      state.layer = layer;
-      remember();
-      showMap();
-    };
-    const choice = element("input", { type: "radio", name: "layer", checked: layer === state.layer, change });
-    return element("label", {}, choice, title);
-  });
-  const choices = told.maps.map(({ id, name: title, failed }) => {
-    return element("option", { value: id, selected: id === environment }, `${title} (${count(failed)} failed)`);
-  });
-  const change = (event) => {
-    state.map = event.target.value;
-    remember();
-    showMap();
-  };
-  const maps = told.maps.length > 1 ? [element("label", {}, "Map ", element("select", { change }, ...choices))] : [];
-  const tools = element("div", { class: "tools", role: "group", "aria-label": "Layer of the map" }, ...layers, ...maps);
-  $("map").replaceChildren(element("h2", {}, "Map"), tools);
-  map = new MapView($("map"), `${name}-map`, runAddress);
-  $("map").append(verdictKey(), element("p", { class: "note muted" }));
-}
 
 /** Fill a part of the page that is folded until somebody opens it. */
-function showDetails(id) {
-  const place = $(id).querySelector("div");
-  if (!$(id).open) return Promise.resolve();
-  const again = () => {
-    remember();
-    showDetails(id);
+const unfolded = (id, draw) => async () => {
+  const place = $(id).querySelector(".drawing");
+  if ($(id).open) await shown(place, () => draw(place, $(id).querySelector(".note")));
+};
+
+/** Columns of a reply with their values. */
+const columnsOf = ({ header, arrays }) => header.columns.map((each, k) => ({ ...each, values: arrays[`column${k}`] }));
+
+const sampled = ({ shown: n, total }) =>
+  n < total ? `${count(n)} of ${count(total)} runs, evenly chosen.` : `All ${count(n)} selected runs.`;
+
+const showScatter = unfolded("scatter", async (place, note) => {
+  const axes = [...$("axes").querySelectorAll("select")].map((each) => each.value);
+  if (!axes.length) return (note.textContent = "No column varies.");
+  const asked = new URLSearchParams({ c, f: query.get("f") ?? "" });
+  for (const axis of axes) asked.append("column", axis);
+  const content = await fetchPacked(`/api/points?${asked}`, { signal: waiting.signal });
+  const { header, arrays } = content;
+  const [column, other] = columnsOf(content);
+  note.textContent = `${sampled(header)} A point tells its run; a rectangle that is dragged, or moved by arrow keys, selects.`;
+  const tell = (k) => {
+    const [configuration, run] = [header.configurations[arrays.configuration[k]], arrays.run[k]];
+    const opened = link(runAddress(configuration, run), `${configuration}, run ${run}`);
+    note.replaceChildren(opened, `: ${VERDICTS[arrays.verdict[k]].word}`);
   };
-  const page = { c, name, state, told, signal: waiting.signal, select, again };
-  return shown(place, () => ({ scatter: showScatter, parallel: showParallel, python: showPython })[id](place, page));
+  const chart = scatterChart(widthIn(place), column, other, arrays.verdict, tell, (x, y) =>
+    select([column, x], [other, y]),
+  );
+  replace(place, chart, element("div", { class: "row" }, ...saveButtons(`${name}-scatter`, () => chart)));
+});
+
+const showParallel = unfolded("parallel", async (place, note) => {
+  const content = await packed("points");
+  const { header, arrays } = content;
+  const columns = columnsOf(content);
+  if (!columns.length) return (note.textContent = "No column varies in the selection.");
+  const width = widthIn(place, columns.length);
+  const chart = parallelChart(width, columns, arrays.verdict, (k, ends) => select([columns[k], ends]));
+  chart.setAttribute("width", String(width));
+  const words = [
+    sampled(header),
+    header.constant.length && `The same in the selection: ${header.constant.join(", ")}.`,
+    header.left_out.length && `Not drawn for want of room: ${header.left_out.join(", ")}.`,
+    "Values below an axis were not measured. Drag along an axis, or use its arrow keys and Enter, to select a range.",
+  ];
+  note.textContent = words.filter(Boolean).join(" ");
+  const tools = element("div", { class: "row" }, ...saveButtons(`${name}-parallel`, () => chart));
+  replace(place, element("div", { class: "scroll" }, chart), tools);
+});
+
+/** Select ranges of some columns, of texts by their places. */
+function select(...ranges) {
+  let filter = query.get("f") ?? "";
+  for (const [{ name: column, levels }, [low, high]] of ranges) {
+    const values = levels?.filter((_, k) => k >= low - 0.3 && k <= high + 0.3);
+    if (values?.length !== 0) filter = changed(filter, column, values ? valuesText(values) : rangeText([low, high]));
+  }
+  remember({ f: filter, start: "" });
+  refresh();
 }
 
-for (const id of ["scatter", "parallel", "python"]) {
-  $(id).open = state.open.has(id);
-  $(id).addEventListener("toggle", () => {
-    if ($(id).open === state.open.has(id)) return;
-    if ($(id).open) state.open.add(id);
-    else state.open.delete(id);
-    remember();
-    if (told) showDetails(id);
+document.addEventListener("click", ({ target }) => {
+  const button = target.closest("button");
+  const { column, rest, clear, go, copy: copies } = button?.dataset ?? {};
+  if (column) choose(column, rest);
+  if (clear !== undefined) {
+    remember({ f: "", start: "" });
+    refresh();
+  }
+  if (go) {
+    remember(Object.fromEntries(new URLSearchParams(go)));
+    showRows();
+  }
+  const otherwise = " The browser does not let this page copy; select the text.";
+  if (copies !== undefined) copy($("program").textContent, button.nextElementSibling, " copied", otherwise);
+});
+followFields($("facets"), choose);
+for (const [id, show] of Object.entries({ map: showMap, scatter: showScatter })) {
+  $(id).addEventListener("change", ({ target }) => {
+    remember({ [target.name]: target.value });
+    show();
   });
 }
+for (const [id, show] of Object.entries({ scatter: showScatter, parallel: showParallel, python: () => {} })) {
+  $(id).addEventListener("toggle", () => {
+    const open = [...document.querySelectorAll(".views > details[open]")].map((each) => each.id).join(",");
+    if (open === (query.get("open") ?? "")) return;
+    remember({ open });
+    show();
+  });
+}
+
+/** Move in the table by keys; the cell that had the focus last is the one that Tab reaches. */
+$("rows").addEventListener("focusin", ({ target }) => {
+  const table = target.closest("table");
+  for (const each of table?.querySelectorAll('[tabindex="0"]') ?? []) each.tabIndex = -1;
+  if (table) target.tabIndex = 0;
+});
+$("rows").addEventListener("keydown", (event) => {
+  const cell = event.target.closest("td, th");
+  if (!cell || event.ctrlKey || event.metaKey || event.altKey) return;
+  const { rows } = cell.closest("table");
+  const [line, column] = [cell.parentElement.rowIndex, cell.cellIndex];
+  const to = {
+    Home: [line, 0],
+    End: [line, rows[0].cells.length - 1],
+    PageUp: [1, column],
+    PageDown: [rows.length - 1, column],
+    ArrowUp: [line - 1, column],
+    ArrowDown: [line + 1, column],
+    ArrowLeft: [line, column - 1],
+    ArrowRight: [line, column + 1],
+  }[event.key];
+  if (!to) return;
+  event.preventDefault();
+  const next = rows[to[0]]?.cells[to[1]];
+  (next?.querySelector("a, button") ?? next)?.focus();
+});
 $("side").open = matchMedia("(min-width: 60rem)").matches;
 refresh();

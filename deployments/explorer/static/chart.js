@@ -1,24 +1,28 @@
 /** Charts as SVG: points of two columns, lines over time, and parallel coordinates; with brushes. */
-import { VERDICTS } from "./colors.js";
-import { drawn, onDrag, ordered } from "./dom.js";
-import { number } from "./selection.js";
+import { onBrush, placeIn } from "./brush.js";
+import { drawn, number, VERDICTS } from "./dom.js";
 
 const HEIGHT = 320;
-const LEFT = 58;
-const RIGHT = 12;
-const TOP = 10;
-const BOTTOM = 40;
+const [LEFT, RIGHT, TOP, BOTTOM] = [58, 12, 10, 40];
 const NEAR = 8;
+const LEAST_PX = 4;
+const TICKS = 6;
+/** Lines of failed runs are drawn over those of passed ones. */
+const ORDER = [2, 0, 1];
+
+/**
+ * Values of runs: numbers, or places of texts in `levels`.
+ * @typedef {{name: string, values: Float32Array, levels?: string[] | null}} Column
+ */
 
 /** @returns {number[]} Round numbers within a range. */
-export function ticksOf(low, high, most = 6) {
-  const rough = (high - low) / most || 1;
+function ticksOf(low, high) {
+  const rough = (high - low) / TICKS || 1;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * [1, 2, 5, 10].find((each) => each * power >= rough);
-  const ticks = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + step * 1e-9; k++)
-    ticks.push(Number((k * step).toPrecision(12)));
-  return ticks;
+  const first = Math.ceil(low / step - 1e-9);
+  const many = Math.floor(high / step + 1e-9) - first + 1;
+  return Array.from({ length: many }, (_, k) => Number(((first + k) * step).toPrecision(12)));
 }
 
 /** @returns {[number, number]} Least and greatest number, a little apart where they are one. */
@@ -32,38 +36,6 @@ export function rangeOf(values) {
   return low === high ? [low - 0.5, high + 0.5] : [low, high];
 }
 
-function frame(width, column, other) {
-  const [x, y] = [column, other].map(({ values, levels }) => {
-    const [low, high] = rangeOf(values);
-    const room = levels ? 0.5 : 0.03 * (high - low);
-    return { low: low - room, high: high + room };
-  });
-  const scale = {
-    x: (value) => LEFT + ((value - x.low) / (x.high - x.low)) * (width - LEFT - RIGHT),
-    y: (value) => HEIGHT - BOTTOM - ((value - y.low) / (y.high - y.low)) * (HEIGHT - TOP - BOTTOM),
-    fromX: (at) => x.low + ((at - LEFT) / (width - LEFT - RIGHT)) * (x.high - x.low),
-    fromY: (at) => y.low + ((HEIGHT - BOTTOM - at) / (HEIGHT - TOP - BOTTOM)) * (y.high - y.low),
-  };
-  const lines = [];
-  const named = ({ levels }, value) => (levels ? levels[value] : number(value));
-  const marks = (each, range) =>
-    each.levels ? each.levels.map((_, k) => k).slice(0, 40) : ticksOf(range.low, range.high);
-  for (const value of marks(column, x)) {
-    const at = scale.x(value);
-    lines.push(drawn("line", { x1: at, x2: at, y1: TOP, y2: HEIGHT - BOTTOM, class: "grid" }));
-    lines.push(drawn("text", { x: at, y: HEIGHT - BOTTOM + 14, class: "middle" }, shortened(named(column, value), 14)));
-  }
-  for (const value of marks(other, y)) {
-    const at = scale.y(value);
-    lines.push(drawn("line", { x1: LEFT, x2: width - RIGHT, y1: at, y2: at, class: "grid" }));
-    lines.push(drawn("text", { x: LEFT - 6, y: at + 4, class: "end" }, shortened(named(other, value), 8)));
-  }
-  const middle = (HEIGHT - BOTTOM + TOP) / 2;
-  lines.push(drawn("text", { x: (width + LEFT) / 2, y: HEIGHT - 8, class: "middle title" }, column.name));
-  lines.push(drawn("text", { transform: `translate(12 ${middle}) rotate(-90)`, class: "middle title" }, other.name));
-  return { scale, lines };
-}
-
 /** A text of at most so many letters, with its whole as a tooltip. */
 function shortened(text, most) {
   const shown = drawn("tspan", {}, text.length > most ? `${text.slice(0, most - 1)}…` : text);
@@ -71,22 +43,41 @@ function shortened(text, most) {
   return shown;
 }
 
-function svgOf(width, label, ...children) {
-  return drawn(
-    "svg",
-    { class: "chart", viewBox: `0 0 ${width} ${HEIGHT}`, role: "img", "aria-label": label },
-    ...children,
-  );
+/** An axis from one place to another: scale, its inverse, and ticks with their names. */
+function axisOf({ values, levels }, start, end) {
+  const [least, greatest] = rangeOf(values);
+  const room = levels ? 0.5 : 0.03 * (greatest - least);
+  const [low, high] = [least - room, greatest + room];
+  const marks = levels ? levels.map((_, k) => k).slice(0, 40) : ticksOf(low, high);
+  return {
+    place: (value) => start + ((value - low) / (high - low)) * (end - start),
+    value: (place) => low + ((place - start) / (end - start)) * (high - low),
+    ticks: marks.map((value) => [value, levels ? levels[value] : number(value)]),
+  };
 }
 
-/** @returns {[number, number]} A pointer's place in a chart's own units. */
-function placeIn(chart, event) {
-  const box = chart.getBoundingClientRect();
-  return [
-    ((event.clientX - box.left) / box.width) * chart.viewBox.baseVal.width,
-    ((event.clientY - box.top) / box.height) * HEIGHT,
-  ];
+/** Axes with grid and titles. */
+function frame(width, column, other) {
+  const [right, bottom] = [width - RIGHT, HEIGHT - BOTTOM];
+  const [x, y] = [axisOf(column, LEFT, right), axisOf(other, bottom, TOP)];
+  const across = x.ticks.flatMap(([value, text]) => {
+    const at = x.place(value);
+    const label = drawn("text", { x: at, y: bottom + 14, class: "middle" }, shortened(text, 14));
+    return [drawn("line", { x1: at, x2: at, y1: TOP, y2: bottom, class: "grid" }), label];
+  });
+  const up = y.ticks.flatMap(([value, text]) => {
+    const at = y.place(value);
+    const label = drawn("text", { x: LEFT - 6, y: at + 4, class: "end" }, shortened(text, 8));
+    return [drawn("line", { x1: LEFT, x2: right, y1: at, y2: at, class: "grid" }), label];
+  });
+  const turned = `translate(12 ${(bottom + TOP) / 2}) rotate(-90)`;
+  const below = drawn("text", { x: (width + LEFT) / 2, y: HEIGHT - 8, class: "middle title" }, column.name);
+  const beside = drawn("text", { transform: turned, class: "middle title" }, other.name);
+  return { x, y, limits: { x: [LEFT, right], y: [TOP, bottom] }, parts: [...across, ...up, below, beside] };
 }
+
+const chartOf = (attributes, width, ...children) =>
+  drawn("svg", { class: "chart", viewBox: `0 0 ${width} ${HEIGHT}`, ...attributes }, ...children);
 
 /** @returns {number} Index of the nearest of some places, -1 where none is near. */
 export function nearestTo([x, y], n, placeOf, near = NEAR) {
@@ -100,43 +91,38 @@ export function nearestTo([x, y], n, placeOf, near = NEAR) {
 }
 
 /**
- * Draw points of two columns; a dragged rectangle chooses ranges of both.
+ * Draw points of two columns; a rectangle chooses ranges of both.
  * @param {number} width In pixels.
- * @param {{name: string, values: Float32Array, levels: string[] | null}} column
- * @param {{name: string, values: Float32Array, levels: string[] | null}} other
+ * @param {Column} column
+ * @param {Column} other
  * @param {Uint8Array} verdicts
  * @param {(index: number) => void} tell
  * @param {(x: [number, number], y: [number, number]) => void} choose
- * @returns {SVGElement}
  */
 export function scatterChart(width, column, other, verdicts, tell, choose) {
-  const { scale, lines } = frame(width, column, other);
+  const { x, y, limits, parts } = frame(width, column, other);
   // Texts and whole numbers lie over each other; a fixed pattern moves them apart.
-  const moved = (each, k, step) => (each.levels ? ((k * step) % 1) * 0.6 - 0.3 : 0);
-  const at = Array.from(verdicts, (_, k) => {
-    return [scale.x(column.values[k] + moved(column, k, 0.618)), scale.y(other.values[k] + moved(other, k, 0.7549))];
+  const moved = ({ levels, values }, k, step) => values[k] + (levels ? ((k * step) % 1) * 0.6 - 0.3 : 0);
+  const places = Array.from(verdicts, (_, k) => {
+    return [x.place(moved(column, k, 0.618)), y.place(moved(other, k, 0.7549))];
   });
-  const parts = [[], [], []];
-  at.forEach(([x, y], k) => {
-    if (Number.isFinite(x) && Number.isFinite(y)) parts[verdicts[k]].push(`M${x.toFixed(1)} ${y.toFixed(1)}h0`);
+  const dots = ["", "", ""];
+  places.forEach(([left, top], k) => {
+    if (Number.isFinite(left + top)) dots[verdicts[k]] += `M${left.toFixed(1)} ${top.toFixed(1)}h0`;
   });
-  const dots = parts.map((part, k) => drawn("path", { d: part.join(""), class: `dots ${VERDICTS[k].color}` }));
-  const band = drawn("rect", { class: "band", width: 0, height: 0 });
-  const chart = svgOf(width, `${other.name} over ${column.name}`, ...lines, ...dots, band);
-  const mark = (from, to) => {
-    const [[x, x2], [y, y2]] = [ordered(from[0], to[0]), ordered(from[1], to[1])];
-    const box = { x, y, width: x2 - x, height: y2 - y };
-    for (const [key, value] of Object.entries(box)) band.setAttribute(key, String(value));
+  const drawnDots = dots.map((d, k) => drawn("path", { d, class: `dots ${VERDICTS[k].color}` }));
+  const band = drawn("rect", { class: "band" });
+  const label = `${other.name} over ${column.name}; arrows move a selection, with shift they resize it, Enter takes it`;
+  const attributes = { tabindex: 0, "data-key": "scatter", role: "application", "aria-label": label };
+  const chart = chartOf(attributes, width, ...parts, ...drawnDots, band);
+  const take = (across, down) => {
+    if ([across, down].some(([low, high]) => high - low < LEAST_PX)) return;
+    choose(across.map(x.value), down.map(y.value).reverse());
   };
-  const done = (from, to) => {
-    if (Math.abs(from[0] - to[0]) < 4 || Math.abs(from[1] - to[1]) < 4) return;
-    choose(ordered(scale.fromX(from[0]), scale.fromX(to[0])), ordered(scale.fromY(from[1]), scale.fromY(to[1])));
-  };
-  const hovered = (event) => {
-    const nearest = nearestTo(placeIn(chart, event), at.length, (k) => at[k]);
+  onBrush(chart, band, limits, "xy", take, (event) => {
+    const nearest = nearestTo(placeIn(chart, event), places.length, (k) => places[k]);
     if (nearest >= 0) tell(nearest);
-  };
-  onDrag(chart, (event) => placeIn(chart, event), mark, done, hovered);
+  });
   return chart;
 }
 
@@ -148,34 +134,33 @@ export function scatterChart(width, column, other, verdicts, tell, choose) {
  * @param {any} arrays Of the reply: x, y, starts, and the verdicts of runs.
  * @param {(run: number, x: number, y: number) => void} tell
  */
-export function lineChart(width, xName, yName, { x, y, starts, verdict: verdicts }, tell) {
-  const { scale, lines } = frame(width, { name: xName, values: x }, { name: yName, values: y });
-  const parts = [[], [], []];
+export function lineChart(width, xName, yName, { x: xs, y: ys, starts, verdict: verdicts }, tell) {
+  const { x, y, parts } = frame(width, { name: xName, values: xs }, { name: yName, values: ys });
+  const lines = ["", "", ""];
   verdicts.forEach((verdict, run) => {
     let pen = "M";
     for (let k = starts[run]; k < starts[run + 1]; k++) {
-      if (Number.isFinite(y[k])) parts[verdict].push(`${pen}${scale.x(x[k]).toFixed(1)} ${scale.y(y[k]).toFixed(1)}`);
-      pen = Number.isFinite(y[k]) ? "L" : "M";
+      const there = Number.isFinite(ys[k]);
+      if (there) lines[verdict] += `${pen}${x.place(xs[k]).toFixed(1)} ${y.place(ys[k]).toFixed(1)}`;
+      pen = there ? "L" : "M";
     }
   });
-  const order = [2, 0, 1];
-  const shown = order.map((k) => drawn("path", { d: parts[k].join(""), class: `line ${VERDICTS[k].color}` }));
-  const chart = svgOf(width, `${yName} over ${xName}`, ...lines, ...shown);
+  const drawnLines = ORDER.map((k) => drawn("path", { d: lines[k], class: `line ${VERDICTS[k].color}` }));
+  const chart = chartOf({ role: "img", "aria-label": `${yName} over ${xName}` }, width, ...parts, ...drawnLines);
   chart.addEventListener("pointermove", (event) => {
-    const nearest = nearestTo(placeIn(chart, event), x.length, (k) => [scale.x(x[k]), scale.y(y[k])]);
+    const nearest = nearestTo(placeIn(chart, event), xs.length, (k) => [x.place(xs[k]), y.place(ys[k])]);
     const run = starts.findLastIndex((start) => start <= nearest);
-    if (nearest >= 0) tell(run, x[nearest], y[nearest]);
+    if (nearest >= 0) tell(run, xs[nearest], ys[nearest]);
   });
   return chart;
 }
 
 /**
- * Draw parallel coordinates; a range that is dragged on an axis is chosen.
+ * Draw parallel coordinates; a range of an axis is chosen on it.
  * @param {number} width In pixels.
- * @param {{name: string, values: Float32Array, levels: string[] | null}[]} columns
+ * @param {Column[]} columns
  * @param {Uint8Array} verdicts
  * @param {(column: number, ends: [number, number]) => void} choose
- * @returns {SVGElement}
  */
 export function parallelChart(width, columns, verdicts, choose) {
   const [top, bottom] = [72, HEIGHT - 26];
@@ -187,32 +172,36 @@ export function parallelChart(width, columns, verdicts, choose) {
     // Missing values have a place of their own below the axis.
     const at = columns.map(({ values }, k) => (Number.isNaN(values[run]) ? bottom + 14 : y(k, values[run])));
     const d = `M${at.map((place, k) => `${x(k).toFixed(1)} ${place.toFixed(1)}`).join("L")}`;
-    return drawn("path", { d, class: VERDICTS[verdict].color });
+    return drawn("path", { d, class: `line ${VERDICTS[verdict].color}` });
   });
   const alpha = Math.min(Math.max(4 / Math.sqrt(verdicts.length), 0.06), 0.7);
-  const lines = drawn("g", { class: "threads", "stroke-opacity": alpha }, ...threads);
   const axes = columns.map(({ name, levels }, k) => {
     const [low, high] = ranges[k];
     const label = drawn("text", { transform: `translate(${x(k)} ${top - 16}) rotate(-24)` }, shortened(name, 20));
     const ends = [
       [bottom + 4, levels ? levels[0] : number(low)],
-      [top - 4, levels ? levels[levels.length - 1] : number(high)],
-    ].map(([at, text]) => drawn("text", { x: x(k) + 4, y: at, class: "small" }, shortened(text ?? "", 7)));
-    const band = drawn("rect", { class: "band", x: x(k) - 6, width: 12, y: top, height: 0 });
-    const handle = drawn("rect", { class: "handle", x: x(k) - 9, width: 18, y: top, height: bottom - top });
-    const at = (event) => [Math.min(Math.max(placeIn(handle.ownerSVGElement, event)[1], top), bottom)];
-    const mark = ([from], [to]) => {
-      band.setAttribute("y", String(Math.min(from, to)));
-      band.setAttribute("height", String(Math.abs(from - to)));
-    };
-    const value = (place) => low + ((bottom - place) / (bottom - top)) * (high - low);
-    onDrag(handle, at, mark, ([from], [to]) => {
-      if (Math.abs(from - to) > 3) choose(k, ordered(value(from), value(to)));
+      [top - 4, levels ? levels.at(-1) : number(high)],
+    ].map(([at, text]) => drawn("text", { x: x(k) + 4, y: at }, shortened(text ?? "", 7)));
+    const line = drawn("line", { x1: x(k), x2: x(k), y1: top, y2: bottom, class: "zero" });
+    const band = drawn("rect", { class: "band" });
+    const [box, key] = [{ x: x(k) - 9, width: 18, y: top, height: bottom - top }, { "data-key": `axis ${name}` }];
+    const handle = drawn("rect", {
+      class: "handle",
+      ...box,
+      ...key,
+      tabindex: 0,
+      role: "application",
+      "aria-label": name,
     });
-    const line = drawn("line", { x1: x(k), x2: x(k), y1: top, y2: bottom, class: "axis" });
-    return drawn("g", {}, line, label, ...ends, band, handle);
+    const axis = drawn("g", {}, line, label, ...ends, band, handle);
+    const value = (place) => low + ((bottom - place) / (bottom - top)) * (high - low);
+    const take = (_, down) => down[1] - down[0] >= LEAST_PX && choose(k, down.map(value).reverse());
+    onBrush(handle, band, { x: [x(k) - 6, x(k) + 6], y: [top, bottom] }, "y", take);
+    return axis;
   });
-  return svgOf(width, `${verdicts.length} runs over ${columns.length} columns`, lines, ...axes);
+  const label = `${verdicts.length} runs over ${columns.length} columns`;
+  const lines = drawn("g", { "stroke-opacity": alpha }, ...threads);
+  return chartOf({ role: "group", "aria-label": label }, width, lines, ...axes);
 }
 
 /** @returns {number} Width of a chart in a part of the page, with room for some axes. */

@@ -1,26 +1,30 @@
-/** Elements, and replies of the server. */
+/** Elements, numbers, and replies of the server. */
 
 const KINDS = { Uint8Array, Uint16Array, Uint32Array, Int16Array, Int32Array, Float32Array };
 
+/** Verdicts by their codes: class and color in the style sheet, and word. */
+export const VERDICTS = [
+  { color: "pass", word: "passed" },
+  { color: "fail", word: "failed" },
+  { color: "not-judged", word: "not judged" },
+];
+
 /** @typedef {Object<string, string | number | boolean | EventListener | null | undefined>} Attributes */
+
+export const $ = (id) => document.getElementById(id);
 
 /**
  * Make an element. Text becomes text nodes, so that names are never read as HTML.
- * @param {string} tag
- * @param {Attributes} [attributes] A function is a listener of the event.
- * @param {...(Node | string | number)} children
- * @returns {HTMLElement}
+ * @type {(tag: string, attributes?: Attributes, ...children: (Node | string | number)[]) => HTMLElement}
  */
-export function element(tag, attributes = {}, ...children) {
-  return /** @type {HTMLElement} */ (filled(document.createElement(tag), attributes, children));
-}
+export const element = (tag, attributes = {}, ...children) => filled(document.createElement(tag), attributes, children);
 
 /** Make an element of a drawing. @type {(tag: string, attributes?: Attributes, ...children: any[]) => SVGElement} */
-export function drawn(tag, attributes = {}, ...children) {
-  return filled(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
-}
+export const drawn = (tag, attributes = {}, ...children) =>
+  filled(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 
-function filled(made, attributes, children) {
+/** Set attributes, add listeners for those that are functions, and append children. */
+export function filled(made, attributes, children = []) {
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") made.addEventListener(name, value);
     else if (value === true) made.setAttribute(name, "");
@@ -30,29 +34,8 @@ function filled(made, attributes, children) {
   return made;
 }
 
-/** A paragraph in muted color. @type {(...children: (Node | string)[]) => HTMLElement} */
-export const note = (...children) => element("p", { class: "muted" }, ...children);
-
 /** @type {(href: string, text: string) => HTMLElement} */
 export const link = (href, text) => element("a", { href }, text);
-
-/**
- * Make a row of a table.
- * @param {(Node | string | (Node | string)[])[]} cells
- * @param {string[]} [classes] One for each column.
- * @param {Attributes} [more]
- */
-export function row(cells, classes = [], tag = "td", more = {}) {
-  const made = cells.map((cell, k) => element(tag, { class: classes[k], ...more }, ...[cell].flat()));
-  return element("tr", {}, ...made);
-}
-
-/** Make a table in a box that scrolls by itself. */
-export function tableOf(heads, rows, classes = []) {
-  const head = element("thead", {}, row(heads, classes, "th", { scope: "col" }));
-  const body = element("tbody", {}, ...rows.map((cells) => row(cells, classes)));
-  return element("div", { class: "scroll" }, element("table", {}, head, body));
-}
 
 /** Make an address with names in its query; null and undefined leave a name out. */
 export function address(path, query) {
@@ -60,10 +43,24 @@ export function address(path, query) {
   return `${path}?${new URLSearchParams(given)}`;
 }
 
+/** @returns {string} A number in four digits; what was not measured is a dash. */
+export function number(value) {
+  if (value === null || Number.isNaN(value)) return "–";
+  if (Number.isInteger(value) && Math.abs(value) < 1e6) return String(value);
+  return String(Number(value.toPrecision(4)));
+}
+
+/** @type {(value: number) => string} */
+export const count = (value) => value.toLocaleString("en-US");
+
+/** @returns {[number, number]} Two numbers, the lesser first. */
+export const ordered = (a, b) => (a < b ? [a, b] : [b, a]);
+
+export const within = (value, low, high) => Math.min(Math.max(value, low), high);
+
 /**
  * Ask the server; an error has a sentence for people as its message.
- * @param {string} place
- * @param {RequestInit} [options]
+ * @type {(place: string, options?: RequestInit) => Promise<Response>}
  */
 export async function fetched(place, options) {
   const reply = await fetch(place, options).catch((error) => {
@@ -75,12 +72,9 @@ export async function fetched(place, options) {
   throw new Error(told.error || `The explorer answered ${reply.status}.`);
 }
 
-/** Ask the server for JSON. */
-export const fetchJson = async (place, options) => (await fetched(place, options)).json();
-
 /**
  * Ask the server for a line of JSON and arrays of numbers after it, which are read in place.
- * @returns {Promise<{header: any, arrays: Object<string, any>}>}
+ * @type {(place: string, options?: RequestInit) => Promise<{header: any, arrays: Object<string, any>}>}
  */
 export async function fetchPacked(place, options) {
   const buffer = await (await fetched(place, options)).arrayBuffer();
@@ -96,6 +90,28 @@ export async function fetchPacked(place, options) {
   return { header, arrays };
 }
 
+/** Ask the server for parts of the page, and put them there. */
+export async function fetchParts(place, options) {
+  showParts(await (await fetched(place, { ...options, headers: { Accept: "text/html" } })).text());
+}
+
+/** Fill elements of the page from those of HTML that have the same ids. */
+export function showParts(html) {
+  for (const part of new DOMParser().parseFromString(html, "text/html").body.children) {
+    filled($(part.id), Object.fromEntries([...part.attributes].map(({ name, value }) => [name, value])));
+    replace($(part.id), ...part.childNodes);
+  }
+}
+
+/** Replace the content of an element; what is unfolded and what has the focus stay, known by their keys. */
+export function replace(place, ...children) {
+  const open = new Map([...place.querySelectorAll("details")].map((each) => [each.dataset.key, each.open]));
+  const focus = place.contains(document.activeElement) && document.activeElement.dataset.key;
+  place.replaceChildren(...children);
+  for (const each of place.querySelectorAll("details")) each.open = open.get(each.dataset.key) ?? each.open;
+  if (focus) place.querySelector(`[data-key="${CSS.escape(focus)}"]`)?.focus({ preventScroll: true });
+}
+
 /** Show an error as a sentence in an element; requests that were given up are no errors. */
 export function showError(place, error) {
   if (error.name !== "AbortError")
@@ -106,26 +122,37 @@ export function showError(place, error) {
 export const shown = (place, view) => view().catch((error) => showError(place, error));
 
 /**
- * Follow drags over an element.
- * @param {Element} over
- * @param {(event: PointerEvent) => number[]} placeOf In units of the caller.
- * @param {(from: number[], to: number[]) => void} moved
- * @param {(from: number[], to: number[]) => void} done
- * @param {(event: PointerEvent) => void} [hovered] While no button is down.
+ * Copy a text, and tell it in an element.
+ * @param {string} text
+ * @param {Element} place
+ * @param {string} told
+ * @param {string} otherwise Where the browser does not let a page copy.
  */
-export function onDrag(over, placeOf, moved, done, hovered = () => {}) {
-  let from = null;
-  over.addEventListener("pointerdown", (event) => {
-    from = placeOf(event);
-    over.setPointerCapture(event.pointerId);
-  });
-  over.addEventListener("pointermove", (event) => (from ? moved(from, placeOf(event)) : hovered(event)));
-  over.addEventListener("pointercancel", () => (from = null));
-  over.addEventListener("pointerup", (event) => {
-    if (from) done(from, placeOf(event));
-    from = null;
-  });
+export async function copy(text, place, told, otherwise) {
+  place.textContent = await navigator.clipboard.writeText(text).then(
+    () => told,
+    () => otherwise,
+  );
 }
 
-/** @returns {[number, number]} Two numbers, the lesser first. */
-export const ordered = (a, b) => (a < b ? [a, b] : [b, a]);
+/** Call a listener when the browser turns from light to dark or back. */
+export const onTheme = (listener) => matchMedia("(prefers-color-scheme: dark)").addEventListener("change", listener);
+
+/**
+ * Colors `rgb(…)` of the style sheet by name, as they are now: in light or dark.
+ * @returns {Object<string, string>}
+ */
+export function readTheme() {
+  const resolved = (name) => {
+    // A browser resolves light and dark for properties that it knows alone.
+    document.body.style.outlineColor = `var(--${name})`;
+    return getComputedStyle(document.body).outlineColor;
+  };
+  return new Proxy({}, { get: (known, name) => (known[name] ??= resolved(String(name))) });
+}
+
+/** Mark all runs of the page as shown, for tests. */
+export function tellShown() {
+  const { dataset } = document.documentElement;
+  dataset.shown = String(Number(dataset.shown ?? 0) + 1);
+}

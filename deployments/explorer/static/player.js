@@ -1,44 +1,31 @@
 /** The player: one or two runs on one clock. */
-
-import { readTheme } from "./colors.js";
-import { element, fetchPacked } from "./dom.js";
-import { onActions, onLayers } from "./player_keys.js";
+import { $, copy, element, fetchPacked, onTheme, readTheme, showError, within } from "./dom.js";
 import { RunMap } from "./player_map.js";
 import { panel } from "./player_panels.js";
 import { Layers, Run } from "./player_run.js";
 import { Tracks } from "./player_tracks.js";
 
 const query = new URLSearchParams(location.search);
-const find = (selector) => /** @type {HTMLElement} */ (document.querySelector(selector));
-const [said, play, time, layers] = ["#said", "[data-action=toggle]", ".time", "#layers"].map(find);
-const execute = /** @type {HTMLButtonElement} */ (find("[data-action=execute]"));
-const speed = /** @type {HTMLSelectElement} */ (find("#speed"));
+const find = (selector) => /** @type {any} */ (document.querySelector(selector));
+const [play, time, execute] = ["[data-action=toggle]", ".time", "[data-action=execute]"].map(find);
+const [said, speed, layers] = ["said", "speed", "layers"].map($);
 /** Longest step of the clock, so that a page that was hidden does not jump. */
 const MOST_S = 0.25;
 
 class Player {
   /** @param {Array<{run: Run, query: string}>} sides The query asks for the run. */
   constructor(sides) {
-    this.sides = sides.map((side) => ({
-      ...side,
-      view: null,
-      state: null,
-      activities: side.run.header.activities || [],
-    }));
+    this.sides = sides.map((side) => ({ ...side, view: null, activities: side.run.header.activities || [] }));
     this.end = Math.max(...sides.map(({ run }) => run.end));
     this.tick = sides[0].run.header.tick_s;
-    this.t = Math.min(Math.max(Number(query.get("t")) || 0, 0), this.end);
+    this.t = within(Number(query.get("t")) || 0, 0, this.end);
     this.frame = 0;
     find(".maps").replaceChildren(...this.sides.map((side, k) => this.#map(side, k)));
     find(".panels").replaceChildren(...sides.map(({ run }) => panel(run, (t) => this.seek(t))));
-    find("#controls").hidden = !this.views.length;
+    $("controls").hidden = !this.views.length;
     this.tracks = new Tracks(find(".tracks"), this.sides, this.end, (t) => this.seek(t));
-    onActions(this.actions);
-    onLayers(layers, (shown) => {
-      this.shown = shown;
-      this.draw();
-    });
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.recolor());
+    this.#listen();
+    onTheme(() => this.recolor());
     new ResizeObserver(() => this.repaint()).observe(find(".player"));
     this.recolor();
     const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -63,9 +50,9 @@ class Player {
     farther: () => this.views.forEach((view) => view.zoom(0.8)),
     fit: () => this.views.forEach((view) => view.fit()),
     follow: () => this.#follow(),
-    copy: () => this.#copy(),
+    copy: () => copy(this.address(), said, "The address of this moment is copied.", this.address()),
     execute: () => this.load(),
-    help: () => /** @type {HTMLDialogElement} */ (find("dialog")).showModal(),
+    help: () => find("dialog").showModal(),
   };
 
   get views() {
@@ -75,7 +62,7 @@ class Player {
   #map(side, k) {
     const { run } = side;
     const name = element("strong", {}, this.sides.length > 1 ? `${"AB"[k]}: ${run.name} ` : "");
-    name.style.color = `var(--${k ? "second" : "accent"})`;
+    name.style.color = `var(--${k ? "horizon" : "accent"})`;
     if (!run.hasRobot) return element("p", { class: "panel" }, `${run.name}: ${run.header.sentence}`);
     const canvas = element("canvas", { class: "map", role: "img", "aria-label": `Map of ${run.name}` });
     side.view = new RunMap(/** @type {HTMLCanvasElement} */ (canvas), run, () => this.draw());
@@ -83,17 +70,35 @@ class Player {
     return element("figure", { class: "map" }, canvas, name, side.state);
   }
 
-  /** Draw everything in the colors of light or dark. */
+  /** Keys and buttons are in the page's markup with the names of their actions. */
+  #listen() {
+    const keys = new Map([...document.querySelectorAll("kbd")].map(({ dataset }) => [dataset.key, dataset.action]));
+    document.addEventListener("keydown", (event) => {
+      if (!keys.has(event.key) || event.ctrlKey || event.metaKey || event.altKey) return;
+      // Space presses what has the focus.
+      const taken = event.key === " " ? "button, a, summary, input, select" : "select, input:not([type=checkbox])";
+      if (document.activeElement?.matches(taken) || find("dialog[open]")) return;
+      event.preventDefault();
+      this.actions[keys.get(event.key)](event.shiftKey);
+    });
+    document.addEventListener("click", ({ target }) => {
+      const button = target.closest("button[data-action]");
+      if (button) this.actions[button.dataset.action](false);
+    });
+    layers.addEventListener("change", () => this.draw());
+    for (const swatch of layers.querySelectorAll("[data-color]")) swatch.style.color = `var(--${swatch.dataset.color})`;
+  }
+
+  /** Draw the maps in the colors of light or dark. */
   recolor() {
-    this.theme = readTheme();
-    for (const view of this.views) view.paint(this.theme);
+    const theme = readTheme();
+    for (const view of this.views) view.paint(theme);
     this.repaint();
   }
 
-  /** Draw everything in the size of the page. */
+  /** Draw the maps in the size of the page. */
   repaint() {
     for (const view of this.views) view.place();
-    this.tracks.paint(this.theme);
     this.#draw(performance.now());
   }
 
@@ -111,16 +116,14 @@ class Player {
       if (this.t < this.end) this.draw();
       else this.pause();
     }
+    const shown = new Set([...layers.querySelectorAll(":checked")].map(({ value }) => value));
     for (const { view, state, run, activities } of this.sides.filter(({ view }) => view)) {
-      view.draw(this.t, this.shown);
+      view.draw(this.t, shown);
       const doing = activities.find(([start, end]) => start <= this.t && this.t < end)?.[2] || "";
       const [speed, off] = ["speed_mmps", "localization_error_mm"].map((name) => run.value(name, this.t));
-      const said = [
-        doing,
-        `${speed.toFixed(2)} m/s`,
-        Number.isNaN(off) ? "" : `localization ${(100 * off).toFixed(0)} cm off`,
-      ];
-      state.textContent = this.t > run.end ? `ended at ${run.end.toFixed(2)} s` : said.filter(Boolean).join(" · ");
+      const lost = Number.isNaN(off) ? "" : `localization ${(100 * off).toFixed(0)} cm off`;
+      const words = [doing, `${speed.toFixed(2)} m/s`, lost].filter(Boolean).join(" · ");
+      state.textContent = this.t > run.end ? `ended at ${run.end.toFixed(2)} s` : words;
     }
     this.tracks.moveTo(this.t);
     time.textContent = `${this.t.toFixed(2)} s of ${this.end.toFixed(2)} s`;
@@ -146,7 +149,7 @@ class Player {
   /** Go to a time, and stay there. */
   seek(t) {
     // Rounded against sums of steps.
-    this.t = Math.min(Math.max(Math.round(t * 2000) / 2000, 0), this.end);
+    this.t = within(Math.round(t * 2000) / 2000, 0, this.end);
     this.pause();
   }
 
@@ -176,17 +179,9 @@ class Player {
   }
 
   #open(key, otherwise) {
-    const link = /** @type {HTMLAnchorElement | null} */ (document.querySelector(`a[data-key="${key}"]`));
+    const link = find(`a[data-key="${key}"]`);
     if (link) link.click();
     else said.textContent = otherwise;
-  }
-
-  #copy() {
-    const [place, told] = [this.address(), "The address of this moment is copied."];
-    navigator.clipboard.writeText(place).then(
-      () => (said.textContent = told),
-      () => (said.textContent = place),
-    );
   }
 
   /** Ask for the layers that only an execution has. */
@@ -201,13 +196,14 @@ class Player {
         side.activities = activities;
         told.push(sentence && `${side.run.name}: ${sentence}`, note);
       } catch (error) {
-        told.push(`${side.run.name}: ${error instanceof Error ? error.message : error}`);
+        told.push(`${side.run.name}: ${error.message}`);
       }
     }
     execute.disabled = false;
     execute.hidden = this.views.some((view) => view.layers);
     for (const box of layers.querySelectorAll("input")) box.disabled &&= !execute.hidden;
     said.textContent = [...new Set(told)].filter(Boolean).join(" ");
+    this.tracks.paint();
     this.repaint();
   }
 }
@@ -219,7 +215,7 @@ async function sideOf(c, configuration, run) {
   return { run: found, query: place };
 }
 
-find("form.bar").addEventListener("change", () => /** @type {HTMLFormElement} */ (find("form.bar")).submit());
+$("runs").addEventListener("change", () => $("runs").submit());
 try {
   const given = (name) => query.get(name) || "";
   const runs = [sideOf(given("c"), given("configuration"), given("run"))];
@@ -228,6 +224,5 @@ try {
   said.textContent = "";
   if (query.get("layers") === "1") await player.load();
 } catch (error) {
-  said.className = "sentence";
-  said.textContent = error instanceof Error ? error.message : String(error);
+  showError(said, error);
 }

@@ -1,10 +1,34 @@
 /** Beside the map: verdicts with their reasons and metrics, and events. */
+import { element, VERDICTS } from "./dom.js";
 
-import { verdictMark } from "./colors.js";
-import { element, row } from "./dom.js";
-import { MARKS, reading } from "./player_theme.js";
-
+/** Marks of events: a letter and a color. */
+export const MARKS = {
+  contact: ["✕", "fail"],
+  recovery: ["●", "belief"],
+  error: ["▲", "fail-text"],
+  goal: ["◆", "goal"],
+  obstacle: ["■", "obstacle-edge"],
+  stop: ["■", "horizon"],
+};
+const JUDGEMENTS = { pass: VERDICTS[0], fail: VERDICTS[1] };
 const ENDS = { SUCCESS: "succeeded", FAILURE: "failed", RUNNING: "still running", INVALID: "given up" };
+
+/** @type {(judgement: string) => {color: string, word: string}} */
+export const verdictOf = (judgement) => JUDGEMENTS[judgement] ?? VERDICTS[2];
+
+/** A number for people; a missing one is no 0. */
+export function reading(value) {
+  if (value === null || Number.isNaN(value)) return "–";
+  if (Number.isInteger(value)) return String(value);
+  const digits = Math.abs(value) < 10 ? 2 : Math.abs(value) < 100 ? 1 : 0;
+  // Adding 0 takes the sign from a negative 0.
+  return (Math.round(value * 1000) / 1000 + 0).toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
+}
+
+function mark(judgement) {
+  const { color, word } = verdictOf(judgement);
+  return element("strong", { class: color }, word);
+}
 
 /**
  * Verdicts and events of a run.
@@ -29,14 +53,14 @@ export function panel(run, seek) {
     events.push(["▬", "muted", start_s, `${name} ${ENDS[status]}${message ? `: ${message}` : ""}`]);
   }
   const items = events.map(([letter, color, t_s, text]) => {
-    const mark = element("span", {}, letter);
-    mark.style.color = `var(--${color})`;
-    return element("button", { class: "event", click: () => seek(t_s) }, mark, ` ${t_s.toFixed(2)} s  ${text}`);
+    const sign = element("span", {}, letter);
+    sign.style.color = `var(--${color})`;
+    return element("button", { class: "event", click: () => seek(t_s) }, sign, ` ${t_s.toFixed(2)} s  ${text}`);
   });
   return element(
     "section",
     { class: "panel", "aria-label": run.name },
-    element("h2", {}, run.name, " ", verdictMark(header.judgement, "strong")),
+    element("h2", {}, run.name, " ", mark(header.judgement)),
     ...said.map((text) => element("p", {}, text)),
     ...header.verdicts.map(verdict),
     element("h2", {}, items.length ? `Events: ${items.length}` : "No events"),
@@ -46,17 +70,15 @@ export function panel(run, seek) {
 
 function verdict({ oracle, judgement, reason, metrics }) {
   const rows = Object.entries(metrics).map(([name, { value, unit }]) => {
+    const [said, of] = value === null ? ["not measured", ""] : [reading(value), unit === "1" ? "" : unit];
     const title = element("th", { scope: "row" }, name.replaceAll("_", " "));
-    const cells = value === null ? ["not measured", ""] : [reading(value), unit === "1" ? "" : unit];
-    const made = row(cells, [value === null ? "muted" : "n", "muted"]);
-    made.prepend(title);
-    return made;
+    return element("tr", {}, title, element("td", { class: "n" }, said), element("td", { class: "muted" }, of));
   });
   return element(
     "details",
     { open: judgement !== "pass" },
-    element("summary", {}, element("strong", {}, oracle), " ", verdictMark(judgement, "strong")),
+    element("summary", {}, oracle, " ", mark(judgement)),
     ...(reason ? [element("p", {}, reason)] : []),
-    element("table", { class: "plain" }, element("tbody", {}, ...rows)),
+    element("table", { class: "plain" }, ...rows),
   );
 }

@@ -1,14 +1,27 @@
 /** The time line and the signals of one or two runs, over one time axis. */
+import { drawn, element } from "./dom.js";
+import { MARKS, reading } from "./player_panels.js";
 
-import { element } from "./dom.js";
-import { BANDS, MARKS, reading } from "./player_theme.js";
-
+/** Pixels; the style sheet has the same edges. */
 const [LEFT, RIGHT, BAND, TICKS, AXIS, PLOT] = [52, 12, 16, 24, 18, 64];
 const SNAP_PX = 6;
+const LETTER_PX = 6.5;
 const STEPS_S = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600, 7200, 14400];
-const DASHES = [[], [4, 3], [1, 3]];
+const DASHES = ["", "4 3", "1 3"];
 const ENDS = { SUCCESS: "pass", FAILURE: "fail" };
-const FONT = "11px system-ui, sans-serif";
+
+/** Activities to colors and opacities, as in the pictures of `vastflow replay`. */
+const BANDS = {
+  driving: ["pass", 0.28],
+  standing: ["muted", 0.35],
+  following: ["pass", 0.28],
+  "no progress": ["belief", 0.5],
+  "no command": ["ink", 0.7],
+  stopped: ["fail", 0.95],
+  spin: ["obstacle", 0.85],
+  wait: ["muted", 0.6],
+  "back up": ["belief", 0.85],
+};
 
 export class Tracks {
   /**
@@ -23,46 +36,43 @@ export class Tracks {
     this.end = Math.max(end, 0.1);
     this.cursor = element("div", { class: "cursor" });
     const limits = { "aria-valuemin": 0, "aria-valuemax": end.toFixed(2) };
-    this.line = track({ tabindex: 0, role: "slider", "aria-label": "Time", ...limits });
+    this.line = drawn("svg", { class: "track", tabindex: 0, role: "slider", "aria-label": "Time", ...limits });
     // Plots that any of the runs has.
     const plots = new Map();
     for (const { title, unit, lines } of sides.flatMap(({ run }) => run.header.signals || [])) {
       plots.set(title, { title, unit, lines: { ...plots.get(title)?.lines, ...lines } });
     }
-    this.plots = [...plots.values()].map((plot) => ({
-      ...plot,
-      values: element("span", { class: "muted" }),
-      canvas: track({ role: "img", "aria-label": `${plot.title} over time` }),
-    }));
-    place.replaceChildren(this.line, this.cursor);
-    for (const { title, values, canvas } of this.plots) {
-      place.append(element("div", { class: "caption" }, element("span", {}, title), values), canvas);
+    this.plots = [...plots.values()].map((plot) => ({ ...plot, values: element("span", { class: "muted" }) }));
+    const drawings = this.plots.flatMap((plot) => [
+      element("div", { class: "row caption" }, element("span", {}, plot.title), plot.values),
+      this.#plot(plot),
+    ]);
+    place.replaceChildren(this.line, this.cursor, ...drawings);
+    for (const track of place.querySelectorAll(".track")) {
+      track.addEventListener("pointerdown", (event) => this.#point(event, true));
+      track.addEventListener("pointermove", (event) => this.#point(event, false));
     }
-    for (const canvas of place.querySelectorAll("canvas")) {
-      canvas.addEventListener("pointerdown", (event) => this.#point(event, true));
-      canvas.addEventListener("pointermove", (event) => this.#point(event, false));
-    }
+    this.paint();
   }
 
-  /** Position of a time (px). */
-  #x(t) {
-    return LEFT + (t / this.end) * (this.line.clientWidth - LEFT - RIGHT);
-  }
+  /** Position of a time within the axis. */
+  #x = (t) => `${(100 * t) / this.end}%`;
 
   #point(event, pressed) {
-    const canvas = event.currentTarget;
-    const apart = ({ t_s }) => Math.abs(this.#x(t_s) - event.offsetX);
-    const close = this.sides.flatMap(({ run }) => run.events).filter((each) => apart(each) <= SNAP_PX);
-    const near = canvas === this.line ? close.sort((a, b) => apart(a) - apart(b))[0] : undefined;
-    const t = ((event.offsetX - LEFT) / (canvas.clientWidth - LEFT - RIGHT)) * this.end;
-    if (pressed) canvas.setPointerCapture(event.pointerId);
-    if (pressed || event.buttons & 1) this.seek(pressed && near ? near.t_s : t);
-    canvas.title = near ? `${near.t_s.toFixed(2)} s: ${near.text}` : "";
+    const track = event.currentTarget;
+    const box = track.getBoundingClientRect();
+    const width = box.width - LEFT - RIGHT;
+    const x = event.clientX - box.left - LEFT;
+    const apart = ({ t_s }) => Math.abs((t_s / this.end) * width - x);
+    const events = track === this.line ? this.sides.flatMap(({ run }) => run.events) : [];
+    const near = events.filter((each) => apart(each) <= SNAP_PX).sort((a, b) => apart(a) - apart(b))[0];
+    if (pressed) track.setPointerCapture(event.pointerId);
+    if (pressed || event.buttons & 1) this.seek(pressed && near ? near.t_s : (x / width) * this.end);
   }
 
   /** Show a time: the cursor, and the signals' values. */
   moveTo(t) {
-    this.cursor.style.transform = `translateX(${this.#x(t)}px)`;
+    this.cursor.style.left = `calc(${LEFT}px + ${t / this.end} * (100% - ${LEFT + RIGHT}px))`;
     this.line.setAttribute("aria-valuenow", t.toFixed(2));
     for (const { lines, unit, values } of this.plots) {
       const said = this.sides.map(({ run }) => {
@@ -73,112 +83,95 @@ export class Tracks {
     }
   }
 
-  /** Draw all but the cursor. */
-  paint(theme) {
-    const lanes = this.sides.map(({ run }) => lanesOf(run.header.behaviors || []));
-    const heights = lanes.map((each) => TICKS + BAND * (1 + each.length) + 4);
-    const context = sized(
-      this.line,
-      heights.reduce((sum, each) => sum + each, AXIS),
-    );
+  /** Draw the time line, whose activities an execution changes. */
+  paint() {
+    const parts = [];
     let top = 0;
-    this.sides.forEach((side, k) => {
-      this.#side(context, top, side, lanes[k], this.sides.length > 1 ? ` ${"AB"[k]}` : "", theme);
-      top += heights[k];
+    this.sides.forEach(({ run, activities }, k) => {
+      const lanes = lanesOf(run.header.behaviors || []);
+      const name = this.sides.length > 1 ? ` ${"AB"[k]}` : "";
+      const [first, second] = [top + TICKS + BAND / 2 + 3, top + TICKS + 1.5 * BAND + 3];
+      if (activities.length) parts.push(drawn("text", { x: 2 - LEFT, y: first }, `robot${name}`));
+      if (lanes.length) parts.push(drawn("text", { x: 2 - LEFT, y: second }, "scenario"));
+      for (const [start, end, kind] of activities) {
+        parts.push(this.#bar(top + TICKS, start, end, kind, ...(BANDS[kind] || ["muted", 0.22])));
+      }
+      lanes.forEach((spans, lane) => {
+        const y = top + TICKS + (lane + 1) * BAND;
+        for (const { name, start_s, end_s, status } of spans) {
+          parts.push(this.#bar(y, start_s, end_s, name, ENDS[status] || "muted", 0.18));
+        }
+      });
+      for (const { mark, t_s, text } of run.events) {
+        const [letter, color] = MARKS[mark];
+        // A recovery follows an error at once, and a contact an obstacle that appears.
+        const y = top + (mark === "recovery" || mark === "contact" ? 21 : 11);
+        const title = drawn("title", {}, `${t_s.toFixed(2)} s: ${text}`);
+        parts.push(drawn("text", { x: this.#x(t_s), y, class: "middle", fill: `var(--${color})` }, letter, title));
+      }
+      top += TICKS + BAND * (1 + lanes.length) + 4;
     });
-    context.fillStyle = theme.muted;
-    const step = STEPS_S.find((each) => this.#x(each) - LEFT > 48) || this.end;
+    const step = STEPS_S.find((each) => (each / this.end) * this.line.clientWidth > 48) || this.end;
     for (let k = 0; k * step <= this.end + 1e-9; k += 1) {
-      const text = `${+(k * step).toFixed(1)}${k ? "" : " s"}`;
-      context.fillRect(this.#x(k * step), top, 1, 4);
-      const last = this.line.clientWidth - context.measureText(text).width;
-      context.fillText(text, Math.min(this.#x(k * step) + 2, last), top + 11);
+      const [x, text] = [this.#x(k * step), `${+(k * step).toFixed(1)}${k ? "" : " s"}`];
+      parts.push(drawn("rect", { x, y: top, width: 1, height: 4 }));
+      parts.push(drawn("text", { x, y: top + 14, class: "middle" }, text));
     }
-    for (const plot of this.plots) this.#plot(plot, theme);
+    this.line.style.height = `${top + AXIS}px`;
+    this.line.replaceChildren(...parts);
   }
 
-  #side(context, top, { run, activities }, lanes, name, theme) {
-    const bars = activities.map(([start, end, kind]) => [0, start, end, kind, ...(BANDS[kind] || ["muted", 0.22])]);
-    lanes.forEach((spans, lane) =>
-      spans.forEach(({ name, start_s, end_s, status }) =>
-        bars.push([lane + 1, start_s, end_s, name, ENDS[status] || "muted", 0.18]),
-      ),
-    );
-    for (const [row, start, end, text, color, alpha] of bars) {
-      const [x, width, y] = [this.#x(start), this.#x(end) - this.#x(start), top + TICKS + row * BAND];
-      context.globalAlpha = alpha;
-      context.fillStyle = theme[color];
-      context.fillRect(x, y, Math.max(width - 0.5, 1), BAND - 2);
-      context.globalAlpha = 1;
-      context.fillStyle = alpha > 0.6 ? theme.panel : theme.ink;
-      if (context.measureText(text).width + 8 < width) context.fillText(text, x + 4, y + BAND / 2 - 1);
-    }
-    context.fillStyle = theme.muted;
-    if (activities.length) context.fillText(`robot${name}`, 2, top + TICKS + BAND / 2 - 1);
-    if (lanes.length) context.fillText("scenario", 2, top + TICKS + 1.5 * BAND - 1);
-    context.textAlign = "center";
-    for (const { mark, t_s } of run.events) {
-      const [letter, color] = MARKS[mark];
-      context.fillStyle = theme[color];
-      // A recovery follows an error at once, and a contact an obstacle that appears.
-      context.fillText(letter, this.#x(t_s), top + (mark === "recovery" || mark === "contact" ? 17 : 7));
-    }
-    context.textAlign = "left";
+  /** A span of time, with its name where that has room. */
+  #bar(y, start, end, name, color, alpha) {
+    const share = (end - start) / this.end;
+    const fits = name.length * LETTER_PX + 8 < share * (this.line.clientWidth - LEFT - RIGHT);
+    const box = { x: this.#x(start), y, width: `${100 * share}%`, height: BAND - 2 };
+    const back = drawn("rect", { width: "100%", height: "100%", fill: `var(--${color})`, "fill-opacity": alpha });
+    const text = drawn("text", { x: 4, y: BAND - 5, fill: alpha > 0.6 ? "var(--panel)" : "var(--ink)" }, name);
+    return drawn("svg", box, back, ...(fits ? [text] : []), drawn("title", {}, name));
   }
 
-  #plot({ canvas, lines }, theme) {
-    const context = sized(canvas, PLOT);
-    const all = this.sides.flatMap(({ run }) => Object.keys(lines).map((column) => run.columns[column] || []));
+  #plot({ title, lines }) {
+    const columns = Object.keys(lines);
+    const all = this.sides.flatMap(({ run }) => columns.map((column) => run.columns[column] || []));
     let [low, high] = [0, 0];
     for (const values of all) for (const v of values) [low, high] = [v < low ? v : low, v > high ? v : high];
     if (high === low) high = low + 1;
     const y = (value) => 7 + ((high - value) / (high - low)) * (PLOT - 14);
-    context.fillStyle = theme.line;
-    context.fillRect(LEFT, y(0), this.#x(this.end) - LEFT, 1);
-    context.fillStyle = theme.muted;
-    context.textAlign = "right";
-    for (const value of new Set([low, 0, high])) context.fillText(reading(value), LEFT - 5, y(value));
-    this.sides.forEach(({ run }, side) =>
-      Object.keys(lines).forEach((column, n) => {
-        context.setLineDash(DASHES[n]);
-        context.strokeStyle = side ? theme.second : n ? theme.muted : theme.accent;
-        context.lineWidth = n ? 1.1 : 1.4;
-        context.beginPath();
-        let open = false;
+    const labels = [...new Set([low, 0, high])].map((value) =>
+      drawn("text", { x: -5, y: y(value) + 4, class: "end" }, reading(value)),
+    );
+    // In seconds and pixels, which the page stretches to its width.
+    const paths = this.sides.flatMap(({ run }, side) =>
+      columns.map((column, n) => {
+        let [d, pen] = ["", "M"];
         run.columns[column]?.forEach((value, k) => {
-          const measured = !Number.isNaN(value);
-          if (measured && open) context.lineTo(this.#x(run.t[k]), y(value));
-          else if (measured) context.moveTo(this.#x(run.t[k]), y(value));
-          open = measured;
+          if (!Number.isNaN(value)) d += `${pen}${run.t[k]} ${y(value).toFixed(1)}`;
+          pen = Number.isNaN(value) ? "M" : "L";
         });
-        context.stroke();
+        const color = side ? "horizon" : n ? "muted" : "accent";
+        return drawn("path", {
+          d,
+          stroke: `var(--${color})`,
+          "stroke-dasharray": DASHES[n],
+          "stroke-width": n ? 1.1 : 1.4,
+        });
       }),
     );
+    const zero = drawn("path", { d: `M0 ${y(0)}h${this.end}`, class: "grid" });
+    const view = { viewBox: `0 0 ${this.end} ${PLOT}`, preserveAspectRatio: "none" };
+    const attributes = { class: "track", role: "img", "aria-label": `${title} over time`, height: PLOT };
+    return drawn("svg", attributes, ...labels, drawn("svg", view, zero, ...paths));
   }
-}
-
-function track(attributes) {
-  return /** @type {HTMLCanvasElement} */ (element("canvas", { class: "track", ...attributes }));
 }
 
 /** Spans that overlap are put into rows below each other. */
 function lanesOf(spans) {
   const lanes = [];
   for (const span of spans.toSorted((a, b) => a.start_s - b.start_s)) {
-    const free = lanes.find((lane) => lane[lane.length - 1].end_s <= span.start_s + 1e-9);
+    const free = lanes.find((lane) => lane.at(-1).end_s <= span.start_s + 1e-9);
     if (free) free.push(span);
     else lanes.push([span]);
   }
   return lanes;
-}
-
-function sized(canvas, height) {
-  const ratio = window.devicePixelRatio || 1;
-  canvas.style.height = `${height}px`;
-  [canvas.width, canvas.height] = [Math.round(canvas.clientWidth * ratio), Math.round(height * ratio)];
-  const context = canvas.getContext("2d");
-  context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  context.font = FONT;
-  context.textBaseline = "middle";
-  return context;
 }

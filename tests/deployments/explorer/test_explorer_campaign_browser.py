@@ -1,5 +1,7 @@
 """Campaign and configuration in a real browser: filter, brush, reload, back, keyboard, narrow and dark."""
 
+import base64
+import io
 import subprocess
 import sys
 import time
@@ -7,6 +9,7 @@ import time
 import numpy as np
 import pytest
 from chromium import CHROMIUM, chromium, opened
+from PIL import Image
 
 from vastflow.oracles.evidence.wide import wide_table, write_wide
 from vastflow.oracles.results.tables import read_tables
@@ -15,7 +18,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="the
 
 PATIENCE_S = 60
 EVIL = "<img src=x onerror=alert(1)>"
-KEYS = {"ArrowDown": 40, "ArrowRight": 39, "Enter": 13, "+": 187}
+KEYS = {"ArrowDown": 40, "ArrowRight": 39, "ArrowUp": 38, "Enter": 13, "+": 187}
 SHOWN = "document.documentElement?.dataset.shown"
 
 
@@ -63,8 +66,9 @@ def until(browser, expression):
         time.sleep(0.05)
 
 
-def press(browser, key):
+def press(browser, key, *, shift=False):
     own = {"key": key, "windowsVirtualKeyCode": KEYS[key], **({"text": "\r"} if key == "Enter" else {})}
+    own["modifiers"] = 8 if shift else 0
     browser.ask("Input.dispatchKeyEvent", type="keyDown", **own)
     browser.ask("Input.dispatchKeyEvent", type="keyUp", **own)
 
@@ -88,14 +92,15 @@ def chips(browser):
 
 
 def painted(browser):
-    """Number of painted pixels of the map."""
-    return browser.value(
-        "(() => { const map = document.querySelector('canvas.map'); const copy = document.createElement('canvas');"
-        "[copy.width, copy.height] = [map.width, map.height];"
-        "const context = copy.getContext('2d', { willReadFrequently: true }); context.drawImage(map, 0, 0);"
-        "const data = context.getImageData(0, 0, map.width, map.height).data; let n = 0;"
-        "for (let k = 3; k < data.length; k += 4) n += data[k] > 0; return n; })()"
+    """Number of pixels of the map on the screen that do not have the most frequent color, its ground's."""
+    x, y, width, height = browser.value(
+        "(() => { const map = document.querySelector('.map'); map.scrollIntoView({block: 'center'});"
+        "const box = map.getBoundingClientRect(); return [box.x + scrollX, box.y + scrollY, box.width, box.height]; })()"
     )
+    clip = {"x": x, "y": y, "width": width, "height": height, "scale": 1}
+    taken = browser.ask("Page.captureScreenshot", format="png", clip=clip)["data"]
+    picture = Image.open(io.BytesIO(base64.b64decode(taken))).convert("RGB")
+    return picture.width * picture.height - max(n for n, _ in picture.getcolors(1 << 24))
 
 
 def until_painted(browser):
@@ -142,7 +147,7 @@ def test_configuration_shows_runs_signals_and_neighbor(page, campaign):
     until_painted(page)
     assert page.value("document.querySelectorAll('#signals path.line').length") == 3
     page.value("const pick = document.querySelectorAll('#signals select')[1]; pick.value = 'distance_m';"
-               "pick.dispatchEvent(new Event('change'))")  # fmt: skip
+               "pick.dispatchEvent(new Event('change', {bubbles: true}))")  # fmt: skip
     until(page, "location.search.includes('over=distance_m')")
     until(page, "document.querySelector('#signals svg.chart').ariaLabel.includes('distance')")
     assert page.value("document.querySelector('#neighbor h2').textContent") == "Nearest configuration that passes"
@@ -159,7 +164,7 @@ def test_table_and_map_are_used_by_keyboard(page):
     assert page.value("document.activeElement.closest('td').cellIndex") == 1
     assert page.value("getComputedStyle(document.activeElement).outlineStyle") == "solid"
     assert page.value("document.querySelectorAll('#table table [tabindex=\"0\"]').length") == 1
-    page.value("document.querySelector('canvas.map').focus()")
+    page.value("document.querySelector('.map').focus()")
     until_painted(page)
     before = painted(page)
     press(page, "+")
@@ -180,7 +185,7 @@ def test_charts_select_runs_and_are_saved(page):
     assert "open=scatter%2Cparallel%2Cpython" in page.value("location.search")
     for kind in ("map", "scatter", "parallel"):
         page.value(
-            f"document.querySelectorAll('#{kind} .tools button').forEach(each => /PNG|SVG/.test(each.textContent) && each.click())"
+            f"document.querySelectorAll('#{kind} button').forEach(each => /PNG|SVG/.test(each.textContent) && each.click())"
         )
     until(page, "window.saved.filter(type => type === 'image/png').length === 3")
     assert page.value("window.saved.filter(type => type === 'image/svg+xml').length") >= 3
@@ -190,6 +195,29 @@ def test_charts_select_runs_and_are_saved(page):
     drag(page, "document.querySelector('#scatter svg.chart')", (0.2, 0.1), (0.95, 0.8))
     until(page, f"{SHOWN} === '3'")
     assert [chip.split(":")[0] for chip in chips(page)] == ["noise", "success.distance (m)"]
+
+
+def test_charts_are_brushed_by_keyboard(page):
+    for name in ("scatter", "parallel"):
+        page.value(f"document.getElementById('{name}').open = true")
+    until(page, "document.querySelector('#scatter svg.chart') && document.querySelector('#parallel svg.chart')")
+    page.value("document.querySelector('#parallel .handle').focus()")
+    for _ in range(9):
+        press(page, "ArrowUp")
+    press(page, "ArrowDown", shift=True)
+    press(page, "Enter")
+    until(page, f"{SHOWN} === '2'")
+    assert [chip.split(":")[0] for chip in chips(page)] == ["noise"]
+    page.value("document.querySelector('#scatter svg.chart').focus()")
+    assert page.value("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    for key in ("ArrowRight", "ArrowUp", "ArrowUp"):
+        press(page, key)
+    for _ in range(8):
+        press(page, "ArrowDown", shift=True)
+    press(page, "Enter")
+    until(page, f"{SHOWN} === '3'")
+    assert [chip.split(":")[0] for chip in chips(page)] == ["noise", "success.distance (m)"]
+    assert page.value("document.activeElement.dataset.key") == "scatter"
 
 
 @pytest.mark.parametrize("dark", [False, True])

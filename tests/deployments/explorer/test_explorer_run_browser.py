@@ -208,7 +208,7 @@ def test_space_plays_to_the_end_and_pauses(page: Page):
 def test_time_line_and_event_list_go_to_a_moment(page: Page):
     page.open(t=0)
     x, y, width = page.browser.value(
-        "(() => { const r = document.querySelector('canvas.track').getBoundingClientRect(); return [r.x, r.y, r.width] })()"
+        "(() => { const r = document.querySelector('.track').getBoundingClientRect(); return [r.x, r.y, r.width] })()"
     )
     page.click(x + 52 + (width - 64) * 1.0 / 2.5, y + 32)
     wait(page.browser, "Math.abs(Number.parseFloat(document.querySelector('.time').textContent) - 1) < 0.02")
