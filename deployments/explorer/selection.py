@@ -82,6 +82,10 @@ class RunTable:
     def __len__(self) -> int:
         return len(self.verdict)
 
+    def rows_of(self, configuration: int) -> range:
+        """Return the runs of a configuration."""
+        return range(*np.searchsorted(self.configuration, (configuration, configuration + 1)).tolist())
+
     def column(self, name: str) -> Column:
         """Return a column by its name.
 

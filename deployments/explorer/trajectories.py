@@ -166,15 +166,15 @@ def read_paths(directory: Path, table: RunTable, configuration: int, grid: Failu
     if file is None:
         return None
     index, columns = read_columns(file, ("x_mm", "y_mm"))
-    first, last = np.searchsorted(table.configuration, (configuration, configuration + 1))
-    own = table.run_index[first:last]
+    rows = table.rows_of(configuration)
+    own = table.run_index[rows.start : rows.stop]
     keep = np.isin(index, own)  # a run that was recorded and is not in the table is of no use here
     index = index[keep]
     if not len(index):
         return None
     starts = np.r_[0, np.flatnonzero(np.diff(index)) + 1, len(index)]
     xy_m = np.column_stack([si(columns[name][keep]) for name in ("x_mm", "y_mm")])
-    return paths_of(first + np.searchsorted(own, index[starts[:-1]]), starts, xy_m, grid)
+    return paths_of(rows.start + np.searchsorted(own, index[starts[:-1]]), starts, xy_m, grid)
 
 
 class Reading(threading.Thread):
