@@ -19,7 +19,7 @@ from vastflow.deployments.explorer import facets, trajectories
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import arrays_reply, name_of, number_of, unless_known
+from vastflow.deployments.explorer.replies import arrays_reply, name_of, number_of
 from vastflow.deployments.explorer.selection import (
     WIDE_FILE,
     Bools,
@@ -70,13 +70,8 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         def answer(request: Request) -> Response:
             campaign = opened.of(name_of(request, "c"))
             chosen = parse_filter(request.query_params.get("f", ""))
-
-            def reply() -> Response:
-                found = made(request, campaign, chosen, mask_of(campaign.table, chosen))
-                return found if isinstance(found, Response) else pages.part(request, f"{name}.html.j2", found)
-
-            # More paths are read meanwhile.
-            return reply() if made is paths else unless_known(request, campaign.stamp, reply)
+            found = made(request, campaign, chosen, mask_of(campaign.table, chosen))
+            return found if isinstance(found, Response) else pages.part(request, f"{name}.html.j2", found)
 
         return answer
 

@@ -15,7 +15,7 @@ from starlette.routing import BaseRoute, Route
 from vastflow.deployments.explorer.facets import Chosen, rate_json
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import arrays_reply, json_reply, name_of, unless_known
+from vastflow.deployments.explorer.replies import arrays_reply, json_reply, name_of
 from vastflow.deployments.explorer.selection import RunTable
 from vastflow.deployments.explorer.trajectories import floor_of, layer, read_paths, stored_file
 from vastflow.oracles.figures.scene import distinct_obstacles
@@ -60,12 +60,8 @@ def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
         def answer(request: Request) -> Response:
             campaign = opened.of(name_of(request, "c"))
             k = index_of(campaign.table, name_of(request, "name"))
-
-            def read() -> Response:
-                with reading(f"{campaign.directory.path}: {campaign.table.configurations[k]}"):
-                    return made(request, campaign, k)
-
-            return unless_known(request, campaign.stamp, read)
+            with reading(f"{campaign.directory.path}: {campaign.table.configurations[k]}"):
+                return made(request, campaign, k)
 
         return answer
 

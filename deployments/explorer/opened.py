@@ -3,8 +3,7 @@
 import threading
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -17,11 +16,8 @@ from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 
-Stamp: TypeAlias = tuple[tuple[int, int, int] | None, ...]
-
 _KEPT: Final = 2
 _CONFIGURATIONS: Final = "configurations.parquet"
-_FILES: Final = ("metadata.json", _CONFIGURATIONS, "runs.parquet", "verdicts.parquet", WIDE_FILE)
 _MAP_COLUMN: Final = "map_file"
 
 
@@ -34,7 +30,6 @@ class Campaign:
     """
 
     directory: CampaignDirectory
-    stamp: Stamp
     table: RunTable = field(repr=False)
     facets: Facets = field(repr=False)
     trajectories: Trajectories = field(repr=False)
@@ -64,18 +59,19 @@ class OpenedCampaigns:
         self._lock = threading.Lock()
 
     def of(self, id: str) -> Campaign:
-        """Return a campaign with its tables, which are read anew when a file is another.
+        """Return a campaign with its tables, which are read anew when their file is another.
 
         Raises:
             NoSuchCampaign: there is none.
             UnusableDirectory: it has no runs yet, or a table is damaged.
         """
         directory = self.find(id)
+        file = directory.path / WIDE_FILE
         with self._lock:  # two requests for one page read it once
-            return self._opened(directory, tuple(map(_stamp, (directory.path / name for name in _FILES))))
+            return self._opened(directory, file.stat().st_mtime_ns if file.is_file() else None)
 
 
-def _opened(directory: CampaignDirectory, stamp: Stamp) -> Campaign:
+def _opened(directory: CampaignDirectory, written_ns: int | None) -> Campaign:
     path = directory.path
     if not (path / _CONFIGURATIONS).is_file():
         words = "it is still running" if directory.state == "running" else "its tables were not written"
@@ -86,13 +82,4 @@ def _opened(directory: CampaignDirectory, stamp: Stamp) -> Campaign:
         environments = {row["name"]: row["environment"] for row in rows}
         trajectories = Trajectories(path, table, [environments.get(name) for name in table.configurations])
         pa.default_memory_pool().release_unused()
-        return Campaign(directory, stamp, table, Facets(table), trajectories)
-
-
-def _stamp(file: Path) -> tuple[int, int, int] | None:
-    """Return size, time, and number of a file; None for one that is missing."""
-    try:
-        status = file.stat()
-    except OSError:
-        return None
-    return status.st_size, status.st_mtime_ns, status.st_ino
+        return Campaign(directory, table, Facets(table), trajectories)

@@ -76,14 +76,6 @@ def test_campaign_is_read_anew_when_its_table_changes(client, campaign):
     assert client.get("/api/summary", params={"c": c}).json()["summary"]["runs"] == 8
 
 
-def test_known_replies_are_not_sent_again(client, campaign):
-    query = {"c": campaign[0], "f": "family=hard"}
-    tag = client.get("/api/facets", params=query).headers["ETag"]
-    assert client.get("/api/facets", params=query, headers={"If-None-Match": tag}).status_code == 304
-    other = {**query, "f": "family=easy"}
-    assert client.get("/api/facets", params=other, headers={"If-None-Match": tag}).status_code == 200
-
-
 def test_rows_are_sorted_and_link_by_name(client, campaign):
     found = client.get("/api/rows", params={"c": campaign[0], "sort": "rate", "count": 2}).json()
     assert [row["configuration"] for row in found["rows"]] == ["hard-1", "hard-2"]
