@@ -132,10 +132,9 @@ def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
     """Return a layer of the map of the runs that were read so far."""
     environment = _environment(request, campaign)
     asked = request.query_params.get("layer", "paths")
-    shown = next((each for each in trajectories.LAYERS if each == asked), None)
-    if shown is None:
+    if asked not in trajectories.LAYERS:
         raise HTTPException(400, f"layer: expected one of {', '.join(trajectories.LAYERS)}, got {asked!r}")
-    found = campaign.trajectories.read(environment, _WAIT_S)
+    found = campaign.reading(environment, _WAIT_S)
     header = {
         "problem": found.problem,
         "read": found.done,
@@ -145,7 +144,7 @@ def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
     }
     if found.paths is None or found.floor is None:
         return arrays_reply({**header, "form": "nothing"}, {})
-    told, arrays = trajectories.layer(found.paths, campaign.table, mask, found.floor.grid, shown)
+    told, arrays = trajectories.layer(found.paths, campaign.table, mask, found.floor.grid, asked)
     return arrays_reply({**header, **told}, arrays)
 
 

@@ -113,7 +113,7 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
         "events": events,
         "neighbor": neighbor(table, counts, k),
         "signals": _signal_names(campaign, k) if rows else [],
-        "environment": str(campaign.trajectories.environments[k]) or None,
+        "environment": str(campaign.environments[k]) or None,
         "around": surroundings(campaign.directory.path, table.configurations[k], list(rows.values())),
     }
 
@@ -187,7 +187,7 @@ def neighbor(table: RunTable, counts: NDArray[np.int64], k: int) -> Mapping[str,
 
 def paths(request: Request, campaign: Campaign, k: int) -> Response:
     """Return the configuration's paths, as `vastflow.deployments.explorer.campaign_page.paths` does."""
-    environment = str(campaign.trajectories.environments[k])
+    environment = str(campaign.environments[k])
     if not environment:
         return arrays_reply({"form": "nothing", "floor": None, "problem": "This scenario has no map."}, {})
     floor = floor_of(campaign.directory.path, environment)

@@ -7,11 +7,12 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.facets import Facets
 from vastflow.deployments.explorer.selection import WIDE_FILE, RunTable, read_run_table
-from vastflow.deployments.explorer.trajectories import Trajectories
+from vastflow.deployments.explorer.trajectories import Reading
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
@@ -26,19 +27,31 @@ class Campaign:
     """A campaign directory's runs, ready for requests.
 
     Attributes:
-        trajectories: With the environment of each of the table's configurations.
+        environments: (configurations,) digest of each configuration's map, empty without one.
     """
 
     directory: CampaignDirectory
     table: RunTable = field(repr=False)
     facets: Facets = field(repr=False)
-    trajectories: Trajectories = field(repr=False)
+    environments: NDArray[np.str_] = field(repr=False)
+    _readings: dict[str, Reading] = field(default_factory=dict, init=False, repr=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False, repr=False)
+
+    def reading(self, environment: str, wait_s: float) -> Reading:
+        """Return the paths of an environment, whose reading begins with the first call; wait at most `wait_s` for all."""
+        with self._lock:
+            if (found := self._readings.get(environment)) is None:
+                of = np.flatnonzero(self.environments == environment)
+                found = self._readings[environment] = Reading(self.directory.path, self.table, environment, of)
+                found.start()
+        found.join(wait_s)
+        return found
 
     @cached_property
     def maps(self) -> list[dict[str, Any]]:
         """Environments with the name of their map and the numbers of their runs, most failures first."""
         table, names = self.table, self.table.columns.get(_MAP_COLUMN)
-        of = self.trajectories.environments[table.configuration]
+        of = self.environments[table.configuration]
         found = []
         for environment in np.unique(of[of != ""]).tolist():
             runs = np.flatnonzero(of == environment)
@@ -79,7 +92,7 @@ def _opened(directory: CampaignDirectory, written_ns: int | None) -> Campaign:
     with reading(path):
         table = read_run_table(path)
         rows = table_rows(path / _CONFIGURATIONS, "name", "environment")
-        environments = {row["name"]: row["environment"] for row in rows}
-        trajectories = Trajectories(path, table, [environments.get(name) for name in table.configurations])
+        environments = {row["name"]: row["environment"] or "" for row in rows}
         pa.default_memory_pool().release_unused()
-        return Campaign(directory, table, Facets(table), trajectories)
+        of_table = np.array([environments.get(name, "") for name in table.configurations], dtype=np.str_)
+        return Campaign(directory, table, Facets(table), of_table)

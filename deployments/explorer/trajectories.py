@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,7 @@ from vastflow.sim.model.recording import si
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
-Layer: TypeAlias = Literal["paths", "ends", "rate"]
-LAYERS: Final[tuple[Layer, ...]] = ("paths", "ends", "rate")
+LAYERS: Final = ("paths", "ends", "rate")
 
 STEP_M: Final = 0.25
 """Distance between the points of a path that are kept."""
@@ -181,7 +180,7 @@ class Reading(threading.Thread):
     """The paths of an environment, read in the background.
 
     Attributes:
-        configurations: Those of the environment, in an order of which a part shows the whole.
+        configurations: Those of the environment, shuffled, so that a part of them shows the whole.
         paths: What was read so far.
         problem: Why nothing can be read; empty where it can.
         done, damaged: Numbers of configurations.
@@ -189,8 +188,7 @@ class Reading(threading.Thread):
 
     def __init__(self, directory: Path, table: RunTable, environment: str, configurations: NDArray[np.int64]) -> None:
         super().__init__(daemon=True)
-        order = np.argsort(np.arange(len(configurations)) * _GOLDEN % 1.0)
-        self.configurations: list[int] = configurations[order].tolist()
+        self.configurations: list[int] = np.random.default_rng(0).permutation(configurations).tolist()
         self.floor: Floor | None = None
         self.paths: Paths | None = None
         self.problem, self.done, self.damaged = "", 0, 0
@@ -217,37 +215,12 @@ class Reading(threading.Thread):
             self.done = done  # after its paths are there
 
 
-_GOLDEN: Final = 0.6180339887498949
 _SHOWN_S: Final = 0.2
 """Time between two moments at which what was read is shown."""
 
 
-class Trajectories:
-    """The paths of a campaign, read environment by environment once they are asked for.
-
-    Args:
-        environments: (configurations,) digest of each configuration's map, None without one.
-    """
-
-    def __init__(self, directory: Path, table: RunTable, environments: Sequence[str | None]) -> None:
-        self._directory, self._table = directory, table
-        self.environments = np.array([each or "" for each in environments], dtype=np.str_)
-        self._readings: dict[str, Reading] = {}
-        self._lock = threading.Lock()
-
-    def read(self, environment: str, wait_s: float) -> Reading:
-        """Return what was read of an environment, which begins with the first call; wait at most `wait_s` for all."""
-        with self._lock:
-            if (reading := self._readings.get(environment)) is None:
-                of = np.flatnonzero(self.environments == environment)
-                reading = self._readings[environment] = Reading(self._directory, self._table, environment, of)
-                reading.start()
-        reading.join(wait_s)
-        return reading
-
-
 def layer(
-    paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: Layer
+    paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: str
 ) -> tuple[Mapping[str, Any], Mapping[str, NDArray[Any]]]:
     """Return a layer of the map: a description and arrays.
 
@@ -271,7 +244,7 @@ def layer(
     return told, {"xy": paths.xy_m[at], "starts": starts.astype(np.int32), **own}
 
 
-def _grid(paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: Layer) -> dict[str, NDArray[Any]]:
+def _grid(paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: str) -> dict[str, NDArray[Any]]:
     verdict, chosen = table.verdict[paths.row], mask[paths.row]
     if shown == "rate":
         chosen = chosen & (verdict != NOT_JUDGED)
