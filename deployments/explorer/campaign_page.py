@@ -95,7 +95,7 @@ def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -
     """Return the counts of the selection, its reasons, its program, and the choices of the page."""
     return {
         "filter": format_filter(chosen),
-        "conditions": [asdict(each) for each in chosen.conditions],
+        "conditions": [asdict(each) for each in chosen.values()],
         "summary": facets.summary_json(campaign.table, mask),
         "by_result": is_by_result(campaign.table, chosen),
         "reasons": facets.reasons_json(campaign.table, mask),
@@ -107,7 +107,7 @@ def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -
 
 def facet_counts(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Mapping[str, Any]:
     """Return each facet's counts under the other facets' conditions."""
-    return {**campaign.facets.json(chosen), "conditions": {each.column: asdict(each) for each in chosen.conditions}}
+    return {**campaign.facets.json(chosen), "conditions": {name: asdict(each) for name, each in chosen.items()}}
 
 
 def rows(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Mapping[str, Any]:

@@ -123,9 +123,10 @@ class Facets:
         shown = []
         for name, facet in self.facets.items():
             if facet.kind in ("values", "numbers"):
-                runs, condition = whole, chosen.of(name)
+                runs, condition = whole, chosen.get(name)
                 if condition is not None:
-                    runs = Chosen(self.table, mask_of(self.table, chosen.without(name)))
+                    others = {column: each for column, each in chosen.items() if column != name}
+                    runs = Chosen(self.table, mask_of(self.table, others))
                 shown.append(_values(facet, runs, condition) if facet.kind == "values" else _numbers(facet, runs))
         constant = [(name, facet) for name, facet in self.facets.items() if facet.kind == "constant"]
         return {
@@ -323,7 +324,7 @@ def _most_frequent(table: RunTable, name: str, runs: NDArray[np.int64]) -> dict[
 
 def axes_of(facets: Facets, chosen: Filter) -> list[str]:
     """Return the columns of parallel coordinates: those of the filter's ranges first, then factors and metrics."""
-    asked = [each.column for each in chosen.conditions if isinstance(each, Between)]
+    asked = [each.column for each in chosen.values() if isinstance(each, Between)]
     return list(dict.fromkeys([*asked, *(name for group in _AXES for name in facets.varying(group))]))
 
 
