@@ -1,7 +1,5 @@
 /** A rectangle that selects a part of a drawing, by pointer or keys. */
-import { filled, ordered, within } from "./dom.js";
-
-const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+import { filled, ordered, stepOf, within } from "./dom.js";
 
 /** @returns {[number, number]} A pointer's place in a drawing's own units. */
 export function placeIn(over, event) {
@@ -12,8 +10,8 @@ export function placeIn(over, event) {
 
 /**
  * Let a rectangle be dragged, or moved by arrow keys, resized by them with shift, and chosen by Enter.
- * @param {SVGElement} over Where a pointer drags, and what has the focus.
- * @param {SVGElement} band Shows the rectangle.
+ * @param {SVGElement} over Where a pointer drags, and what has the focus; `band` shows the rectangle.
+ * @param {SVGElement} band
  * @param {{x: [number, number], y: [number, number]}} limits An axis that is not `free` is selected whole.
  * @param {"x" | "y" | "xy"} free
  * @param {(x: [number, number], y: [number, number]) => void} choose
@@ -44,9 +42,9 @@ export function onBrush(over, band, limits, free, choose, hovered = () => {}) {
     pressed = false;
   });
   over.addEventListener("keydown", (event) => {
-    const step = STEPS[event.key];
+    const step = stepOf(event);
     if (event.key === "Enter" && corners) choose(...spans());
-    if (!step || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (!step) return;
     event.preventDefault();
     const sizes = [limits.x, limits.y].map(([low, high]) => high - low);
     const at = (share) => [limits.x[0] + share * sizes[0], limits.y[0] + share * sizes[1]];

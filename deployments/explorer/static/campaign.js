@@ -1,44 +1,35 @@
 /** The page of a campaign: one selection, which the address has, and views of it that follow. */
 import { parallelChart, scatterChart, widthIn } from "./chart.js";
-import { $, address, copy, count, element, fetchPacked, fetchParts, link, replace } from "./dom.js";
-import { showError, shown, tellShown, VERDICTS } from "./dom.js";
+import { $, address, copy, count, element, fetchPacked, fetchParts, query, remember } from "./dom.js";
+import { replace, showError, shown, stepOf, tellRun, tellShown, within } from "./dom.js";
 import { brushHistograms, changed, followFields, rangeText, valuesText } from "./facets.js";
 import { MapView } from "./map_view.js";
 import { saveButtons } from "./save.js";
 
 const AGAIN_MS = 1000;
-const query = new URLSearchParams(location.search);
-const c = query.get("c");
+/** Steps of keys that go to the end of a row or column of the table. */
+const FAR = { Home: [-1e6, 0], End: [1e6, 0], PageUp: [0, -1e6], PageDown: [0, 1e6] };
 const name = document.querySelector("h1").firstChild.textContent.trim();
-const runAddress = (configuration, run) => address("/run", { c, configuration, run });
-const map = new MapView($("map").querySelector(".drawing"), `${name}-map`, runAddress);
+const map = new MapView($("map").querySelector(".drawing"), `${name}-map`);
 let waiting = new AbortController();
 
-/** The address of a view of the selection. */
-const view = (kind, more = {}) => address(`/api/${kind}`, { c, f: query.get("f"), ...more });
-const packed = (kind, more) => fetchPacked(view(kind, more), { signal: waiting.signal });
-const parts = (kind, more) => fetchParts(view(kind, more), { signal: waiting.signal });
+/** Ask for a view of the selection with all that the address has, of which the server takes what it knows. */
+const view = (kind, ...more) => `/api/${kind}?${new URLSearchParams([...query, ...more])}`;
+const packed = (...asked) => fetchPacked(view(...asked), { signal: waiting.signal });
+const showPart = (kind) => fetchParts(view(kind), { signal: waiting.signal });
 
-/** Put changes into the address; the back button leaves the page as before. */
-function remember(changes) {
-  for (const [key, value] of Object.entries(changes)) {
-    if (value) query.set(key, value);
-    else query.delete(key);
-  }
-  history.replaceState(null, "", `?${query}`);
-}
-
-function choose(column, rest) {
-  remember({ f: changed(query.get("f") ?? "", column, rest), start: "" });
+function setFilter(f) {
+  remember({ f, start: "" });
   refresh();
 }
+
+const choose = (column, rest) => setFilter(changed(query.get("f") ?? "", column, rest));
 
 async function refresh() {
   waiting.abort(); // what is still asked of an earlier selection
   waiting = new AbortController();
   try {
-    const asked = Object.fromEntries(["x", "y", "map"].map((key) => [key, query.get(key)]));
-    await Promise.all([showRows(), parts("facets"), parts("summary", asked)]);
+    await Promise.all(["summary", "facets", "rows"].map(showPart));
     $("error").replaceChildren();
     remember({ f: $("summary").querySelector("[data-filter]").dataset.filter });
     brushHistograms($("facets"), choose);
@@ -51,19 +42,14 @@ async function refresh() {
   tellShown();
 }
 
-const showRows = () =>
-  shown($("rows"), () =>
-    parts("rows", Object.fromEntries(["sort", "order", "start"].map((key) => [key, query.get(key)]))),
-  );
-
-const showMap = () =>
-  shown($("map").querySelector(".drawing"), async () => {
-    const note = $("map").querySelector(".note");
+const showMap = () => {
+  const note = $("map").querySelector(".note");
+  return shown(note, async () => {
     const environment = $("maps").querySelector("select")?.value;
     if (!environment) return (note.textContent = "These scenarios have no map.");
-    const content = await packed("paths", { environment, layer: query.get("layer") });
+    const content = await packed("paths", ["environment", environment]);
     const { header } = content;
-    await map.show(content, address("/api/map.png", { c, environment }));
+    await map.show(content, address("/api/map.png", { c: query.get("c"), environment }));
     const { read, configurations_here: all, damaged, problem } = header;
     const words = [
       `${count(header.runs ?? 0)} recorded runs on this map.`,
@@ -77,6 +63,7 @@ const showMap = () =>
     const { signal } = waiting;
     if (read < all && !problem) setTimeout(() => signal.aborted || showMap(), AGAIN_MS);
   });
+};
 
 /** Fill a part of the page that is folded until somebody opens it. */
 const unfolded = (id, draw) => async () => {
@@ -93,16 +80,12 @@ const sampled = ({ shown: n, total }) =>
 const showScatter = unfolded("scatter", async (place, note) => {
   const axes = [...$("axes").querySelectorAll("select")].map((each) => each.value);
   if (!axes.length) return (note.textContent = "No column varies.");
-  const asked = new URLSearchParams({ c, f: query.get("f") ?? "" });
-  for (const axis of axes) asked.append("column", axis);
-  const content = await fetchPacked(`/api/points?${asked}`, { signal: waiting.signal });
+  const content = await packed("points", ...axes.map((axis) => ["column", axis]));
   const { header, arrays } = content;
   const [column, other] = columnsOf(content);
   note.textContent = `${sampled(header)} A point tells its run; a rectangle that is dragged, or moved by arrow keys, selects.`;
   const tell = (k) => {
-    const [configuration, run] = [header.configurations[arrays.configuration[k]], arrays.run[k]];
-    const opened = link(runAddress(configuration, run), `${configuration}, run ${run}`);
-    note.replaceChildren(opened, `: ${VERDICTS[arrays.verdict[k]].word}`);
+    tellRun(note, header.configurations[arrays.configuration[k]], arrays.run[k], arrays.verdict[k]);
   };
   const chart = scatterChart(widthIn(place), column, other, arrays.verdict, tell, (x, y) =>
     select([column, x], [other, y]),
@@ -117,7 +100,6 @@ const showParallel = unfolded("parallel", async (place, note) => {
   if (!columns.length) return (note.textContent = "No column varies in the selection.");
   const width = widthIn(place, columns.length);
   const chart = parallelChart(width, columns, arrays.verdict, (k, ends) => select([columns[k], ends]));
-  chart.setAttribute("width", String(width));
   const words = [
     sampled(header),
     header.constant.length && `The same in the selection: ${header.constant.join(", ")}.`,
@@ -136,21 +118,17 @@ function select(...ranges) {
     const values = levels?.filter((_, k) => k >= low - 0.3 && k <= high + 0.3);
     if (values?.length !== 0) filter = changed(filter, column, values ? valuesText(values) : rangeText([low, high]));
   }
-  remember({ f: filter, start: "" });
-  refresh();
+  setFilter(filter);
 }
 
 document.addEventListener("click", ({ target }) => {
   const button = target.closest("button");
   const { column, rest, clear, go, copy: copies } = button?.dataset ?? {};
   if (column) choose(column, rest);
-  if (clear !== undefined) {
-    remember({ f: "", start: "" });
-    refresh();
-  }
+  if (clear !== undefined) setFilter("");
   if (go) {
     remember(Object.fromEntries(new URLSearchParams(go)));
-    showRows();
+    shown($("rows"), () => showPart("rows"));
   }
   const otherwise = " The browser does not let this page copy; select the text.";
   if (copies !== undefined) copy($("program").textContent, button.nextElementSibling, " copied", otherwise);
@@ -179,23 +157,13 @@ $("rows").addEventListener("focusin", ({ target }) => {
 });
 $("rows").addEventListener("keydown", (event) => {
   const cell = event.target.closest("td, th");
-  if (!cell || event.ctrlKey || event.metaKey || event.altKey) return;
-  const { rows } = cell.closest("table");
-  const [line, column] = [cell.parentElement.rowIndex, cell.cellIndex];
-  const to = {
-    Home: [line, 0],
-    End: [line, rows[0].cells.length - 1],
-    PageUp: [1, column],
-    PageDown: [rows.length - 1, column],
-    ArrowUp: [line - 1, column],
-    ArrowDown: [line + 1, column],
-    ArrowLeft: [line, column - 1],
-    ArrowRight: [line, column + 1],
-  }[event.key];
-  if (!to) return;
+  const step = FAR[event.key] ?? stepOf(event);
+  if (!cell || !step) return;
   event.preventDefault();
-  const next = rows[to[0]]?.cells[to[1]];
-  (next?.querySelector("a, button") ?? next)?.focus();
+  const { rows } = cell.closest("table");
+  const line = rows[within(cell.parentElement.rowIndex + step[1], 0, rows.length - 1)];
+  const next = line.cells[within(cell.cellIndex + step[0], 0, line.cells.length - 1)];
+  (next.querySelector("a, button") ?? next).focus();
 });
 $("side").open = matchMedia("(min-width: 60rem)").matches;
 refresh();

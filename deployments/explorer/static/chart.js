@@ -6,18 +6,17 @@ const HEIGHT = 320;
 const [LEFT, RIGHT, TOP, BOTTOM] = [58, 12, 10, 40];
 const NEAR = 8;
 const LEAST_PX = 4;
-const TICKS = 6;
+const CENTERED = { "text-anchor": "middle" };
+export const DOTS = { "stroke-width": 4.5, "stroke-linecap": "round", "stroke-opacity": 0.6 };
 /** Lines of failed runs are drawn over those of passed ones. */
 const ORDER = [2, 0, 1];
 
-/**
- * Values of runs: numbers, or places of texts in `levels`.
- * @typedef {{name: string, values: Float32Array, levels?: string[] | null}} Column
- */
+/** @typedef {{name: string, values: Float32Array, levels?: string[] | null}} Column Numbers, or places in `levels`. */
+/** @typedef {[number, number]} Range */
 
-/** @returns {number[]} Round numbers within a range. */
-function ticksOf(low, high) {
-  const rough = (high - low) / TICKS || 1;
+/** @returns {number[]} Round numbers within a range, about so many at most. */
+export function ticksOf(low, high, most = 6) {
+  const rough = (high - low) / most || 1;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * [1, 2, 5, 10].find((each) => each * power >= rough);
   const first = Math.ceil(low / step - 1e-9);
@@ -52,6 +51,7 @@ function axisOf({ values, levels }, start, end) {
   return {
     place: (value) => start + ((value - low) / (high - low)) * (end - start),
     value: (place) => low + ((place - start) / (end - start)) * (high - low),
+    ends: levels ? [levels[0] ?? "", levels.at(-1) ?? ""] : [number(least), number(greatest)],
     ticks: marks.map((value) => [value, levels ? levels[value] : number(value)]),
   };
 }
@@ -62,17 +62,17 @@ function frame(width, column, other) {
   const [x, y] = [axisOf(column, LEFT, right), axisOf(other, bottom, TOP)];
   const across = x.ticks.flatMap(([value, text]) => {
     const at = x.place(value);
-    const label = drawn("text", { x: at, y: bottom + 14, class: "middle" }, shortened(text, 14));
-    return [drawn("line", { x1: at, x2: at, y1: TOP, y2: bottom, class: "grid" }), label];
+    const label = drawn("text", { x: at, y: bottom + 14, ...CENTERED }, shortened(text, 14));
+    return [drawn("line", { x1: at, x2: at, y1: TOP, y2: bottom, stroke: "var(--line)" }), label];
   });
   const up = y.ticks.flatMap(([value, text]) => {
     const at = y.place(value);
-    const label = drawn("text", { x: LEFT - 6, y: at + 4, class: "end" }, shortened(text, 8));
-    return [drawn("line", { x1: LEFT, x2: right, y1: at, y2: at, class: "grid" }), label];
+    const label = drawn("text", { x: LEFT - 6, y: at + 4, "text-anchor": "end" }, shortened(text, 8));
+    return [drawn("line", { x1: LEFT, x2: right, y1: at, y2: at, stroke: "var(--line)" }), label];
   });
   const turned = `translate(12 ${(bottom + TOP) / 2}) rotate(-90)`;
-  const below = drawn("text", { x: (width + LEFT) / 2, y: HEIGHT - 8, class: "middle title" }, column.name);
-  const beside = drawn("text", { transform: turned, class: "middle title" }, other.name);
+  const below = drawn("text", { x: (width + LEFT) / 2, y: HEIGHT - 8, ...CENTERED }, column.name);
+  const beside = drawn("text", { transform: turned, ...CENTERED }, other.name);
   return { x, y, limits: { x: [LEFT, right], y: [TOP, bottom] }, parts: [...across, ...up, below, beside] };
 }
 
@@ -91,13 +91,9 @@ export function nearestTo([x, y], n, placeOf, near = NEAR) {
 }
 
 /**
- * Draw points of two columns; a rectangle chooses ranges of both.
- * @param {number} width In pixels.
- * @param {Column} column
- * @param {Column} other
- * @param {Uint8Array} verdicts
+ * Draw points of two columns, x and y, in so many pixels; a rectangle chooses ranges of both.
  * @param {(index: number) => void} tell
- * @param {(x: [number, number], y: [number, number]) => void} choose
+ * @param {(x: Range, y: Range) => void} choose
  */
 export function scatterChart(width, column, other, verdicts, tell, choose) {
   const { x, y, limits, parts } = frame(width, column, other);
@@ -110,7 +106,7 @@ export function scatterChart(width, column, other, verdicts, tell, choose) {
   places.forEach(([left, top], k) => {
     if (Number.isFinite(left + top)) dots[verdicts[k]] += `M${left.toFixed(1)} ${top.toFixed(1)}h0`;
   });
-  const drawnDots = dots.map((d, k) => drawn("path", { d, class: `dots ${VERDICTS[k].color}` }));
+  const drawnDots = dots.map((d, k) => drawn("path", { d, class: VERDICTS[k].color, ...DOTS }));
   const band = drawn("rect", { class: "band" });
   const label = `${other.name} over ${column.name}; arrows move a selection, with shift they resize it, Enter takes it`;
   const attributes = { tabindex: 0, "data-key": "scatter", role: "application", "aria-label": label };
@@ -128,10 +124,6 @@ export function scatterChart(width, column, other, verdicts, tell, choose) {
 
 /**
  * Draw lines of runs, those of one verdict in one color, failed ones on top.
- * @param {number} width In pixels.
- * @param {string} xName
- * @param {string} yName
- * @param {any} arrays Of the reply: x, y, starts, and the verdicts of runs.
  * @param {(run: number, x: number, y: number) => void} tell
  */
 export function lineChart(width, xName, yName, { x: xs, y: ys, starts, verdict: verdicts }, tell) {
@@ -145,7 +137,7 @@ export function lineChart(width, xName, yName, { x: xs, y: ys, starts, verdict: 
       pen = there ? "L" : "M";
     }
   });
-  const drawnLines = ORDER.map((k) => drawn("path", { d: lines[k], class: `line ${VERDICTS[k].color}` }));
+  const drawnLines = ORDER.map((k) => drawn("path", { d: lines[k], class: `line ${VERDICTS[k].color}`, opacity: 0.6 }));
   const chart = chartOf({ role: "img", "aria-label": `${yName} over ${xName}` }, width, ...parts, ...drawnLines);
   chart.addEventListener("pointermove", (event) => {
     const nearest = nearestTo(placeIn(chart, event), xs.length, (k) => [x.place(xs[k]), y.place(ys[k])]);
@@ -157,51 +149,38 @@ export function lineChart(width, xName, yName, { x: xs, y: ys, starts, verdict: 
 
 /**
  * Draw parallel coordinates; a range of an axis is chosen on it.
- * @param {number} width In pixels.
- * @param {Column[]} columns
- * @param {Uint8Array} verdicts
- * @param {(column: number, ends: [number, number]) => void} choose
+ * @param {(column: number, ends: Range) => void} choose
  */
 export function parallelChart(width, columns, verdicts, choose) {
   const [top, bottom] = [72, HEIGHT - 26];
   const x = (k) => 30 + (k * (width - 130)) / Math.max(columns.length - 1, 1);
-  const ranges = columns.map(({ values }) => rangeOf(values));
-  const y = (k, value) => bottom - ((value - ranges[k][0]) / (ranges[k][1] - ranges[k][0])) * (bottom - top);
+  const scales = columns.map((column) => axisOf(column, bottom, top));
   // A path for each run, so that many make a darker band; passed and failed ones in turn, so that neither hides the other.
   const threads = Array.from(verdicts, (verdict, run) => {
     // Missing values have a place of their own below the axis.
-    const at = columns.map(({ values }, k) => (Number.isNaN(values[run]) ? bottom + 14 : y(k, values[run])));
+    const at = columns.map(({ values }, k) => (Number.isNaN(values[run]) ? bottom + 14 : scales[k].place(values[run])));
     const d = `M${at.map((place, k) => `${x(k).toFixed(1)} ${place.toFixed(1)}`).join("L")}`;
     return drawn("path", { d, class: `line ${VERDICTS[verdict].color}` });
   });
   const alpha = Math.min(Math.max(4 / Math.sqrt(verdicts.length), 0.06), 0.7);
-  const axes = columns.map(({ name, levels }, k) => {
-    const [low, high] = ranges[k];
+  const axes = columns.map(({ name }, k) => {
     const label = drawn("text", { transform: `translate(${x(k)} ${top - 16}) rotate(-24)` }, shortened(name, 20));
-    const ends = [
-      [bottom + 4, levels ? levels[0] : number(low)],
-      [top - 4, levels ? levels.at(-1) : number(high)],
-    ].map(([at, text]) => drawn("text", { x: x(k) + 4, y: at }, shortened(text ?? "", 7)));
-    const line = drawn("line", { x1: x(k), x2: x(k), y1: top, y2: bottom, class: "zero" });
-    const band = drawn("rect", { class: "band" });
-    const [box, key] = [{ x: x(k) - 9, width: 18, y: top, height: bottom - top }, { "data-key": `axis ${name}` }];
-    const handle = drawn("rect", {
-      class: "handle",
-      ...box,
-      ...key,
-      tabindex: 0,
-      role: "application",
-      "aria-label": name,
+    const ends = scales[k].ends.map((text, end) => {
+      return drawn("text", { x: x(k) + 4, y: end ? top - 4 : bottom + 4 }, shortened(text, 7));
     });
+    const line = drawn("line", { x1: x(k), x2: x(k), y1: top, y2: bottom, stroke: "var(--muted)" });
+    const band = drawn("rect", { class: "band" });
+    const box = { x: x(k) - 9, width: 18, y: top, height: bottom - top, class: "handle", "fill-opacity": 0 };
+    const keys = { tabindex: 0, role: "application", "aria-label": name, "data-key": `axis ${name}` };
+    const handle = drawn("rect", { ...box, ...keys });
     const axis = drawn("g", {}, line, label, ...ends, band, handle);
-    const value = (place) => low + ((bottom - place) / (bottom - top)) * (high - low);
-    const take = (_, down) => down[1] - down[0] >= LEAST_PX && choose(k, down.map(value).reverse());
+    const take = (_, down) => down[1] - down[0] >= LEAST_PX && choose(k, down.map(scales[k].value).reverse());
     onBrush(handle, band, { x: [x(k) - 6, x(k) + 6], y: [top, bottom] }, "y", take);
     return axis;
   });
   const label = `${verdicts.length} runs over ${columns.length} columns`;
   const lines = drawn("g", { "stroke-opacity": alpha }, ...threads);
-  return chartOf({ role: "group", "aria-label": label }, width, lines, ...axes);
+  return chartOf({ role: "group", "aria-label": label, width }, width, lines, ...axes);
 }
 
 /** @returns {number} Width of a chart in a part of the page, with room for some axes. */

@@ -9,17 +9,20 @@ export const VERDICTS = [
   { color: "not-judged", word: "not judged" },
 ];
 
-/** @typedef {Object<string, string | number | boolean | EventListener | null | undefined>} Attributes */
+const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+/** What the address has. */
+export const query = new URLSearchParams(location.search);
 
 export const $ = (id) => document.getElementById(id);
 
 /**
  * Make an element. Text becomes text nodes, so that names are never read as HTML.
- * @type {(tag: string, attributes?: Attributes, ...children: (Node | string | number)[]) => HTMLElement}
+ * @type {(tag: string, attributes?: Object<string, any>, ...children: (Node | string | number)[]) => HTMLElement}
  */
 export const element = (tag, attributes = {}, ...children) => filled(document.createElement(tag), attributes, children);
 
-/** Make an element of a drawing. @type {(tag: string, attributes?: Attributes, ...children: any[]) => SVGElement} */
+/** Make an element of a drawing. @type {(tag: string, attributes?: Object<string, any>, ...children: any[]) => SVGElement} */
 export const drawn = (tag, attributes = {}, ...children) =>
   filled(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 
@@ -34,13 +37,25 @@ export function filled(made, attributes, children = []) {
   return made;
 }
 
-/** @type {(href: string, text: string) => HTMLElement} */
-export const link = (href, text) => element("a", { href }, text);
-
 /** Make an address with names in its query; null and undefined leave a name out. */
 export function address(path, query) {
   const given = Object.entries(query).filter(([, value]) => value !== null && value !== undefined);
   return `${path}?${new URLSearchParams(given)}`;
+}
+
+/** Put changes into the address; the back button leaves the page as before. */
+export function remember(changes) {
+  for (const [key, value] of Object.entries(changes)) {
+    if (value) query.set(key, value);
+    else query.delete(key);
+  }
+  history.replaceState(null, "", `?${query}`);
+}
+
+/** Tell a run in an element: a link to its page, perhaps to a time, and its verdict. */
+export function tellRun(place, configuration, run, verdict, more = "", t = null) {
+  const href = address("/run", { c: query.get("c"), configuration, run, t });
+  place.replaceChildren(element("a", { href }, `${configuration}, run ${run}`), `: ${VERDICTS[verdict].word}${more}`);
 }
 
 /** @returns {string} A number in four digits; what was not measured is a dash. */
@@ -53,15 +68,15 @@ export function number(value) {
 /** @type {(value: number) => string} */
 export const count = (value) => value.toLocaleString("en-US");
 
+/** Steps to the right and down of a key that moves something; undefined for others. @type {(event: KeyboardEvent) => any} */
+export const stepOf = ({ key, ctrlKey, metaKey, altKey }) => (ctrlKey || metaKey || altKey ? undefined : STEPS[key]);
+
 /** @returns {[number, number]} Two numbers, the lesser first. */
 export const ordered = (a, b) => (a < b ? [a, b] : [b, a]);
 
 export const within = (value, low, high) => Math.min(Math.max(value, low), high);
 
-/**
- * Ask the server; an error has a sentence for people as its message.
- * @type {(place: string, options?: RequestInit) => Promise<Response>}
- */
+/** Ask the server; an error has a sentence for people as its message. */
 export async function fetched(place, options) {
   const reply = await fetch(place, options).catch((error) => {
     if (error.name === "AbortError") throw error;
@@ -74,7 +89,7 @@ export async function fetched(place, options) {
 
 /**
  * Ask the server for a line of JSON and arrays of numbers after it, which are read in place.
- * @type {(place: string, options?: RequestInit) => Promise<{header: any, arrays: Object<string, any>}>}
+ * @returns {Promise<{header: any, arrays: Object<string, any>}>}
  */
 export async function fetchPacked(place, options) {
   const buffer = await (await fetched(place, options)).arrayBuffer();
@@ -121,13 +136,7 @@ export function showError(place, error) {
 /** Run a view; its error takes its place. */
 export const shown = (place, view) => view().catch((error) => showError(place, error));
 
-/**
- * Copy a text, and tell it in an element.
- * @param {string} text
- * @param {Element} place
- * @param {string} told
- * @param {string} otherwise Where the browser does not let a page copy.
- */
+/** Copy a text, and tell it in an element, or something else where the browser does not let a page copy. */
 export async function copy(text, place, told, otherwise) {
   place.textContent = await navigator.clipboard.writeText(text).then(
     () => told,
@@ -135,13 +144,7 @@ export async function copy(text, place, told, otherwise) {
   );
 }
 
-/** Call a listener when the browser turns from light to dark or back. */
-export const onTheme = (listener) => matchMedia("(prefers-color-scheme: dark)").addEventListener("change", listener);
-
-/**
- * Colors `rgb(…)` of the style sheet by name, as they are now: in light or dark.
- * @returns {Object<string, string>}
- */
+/** Colors `rgb(…)` of the style sheet by name, as they are now: in light or dark. */
 export function readTheme() {
   const resolved = (name) => {
     // A browser resolves light and dark for properties that it knows alone.
@@ -151,7 +154,7 @@ export function readTheme() {
   return new Proxy({}, { get: (known, name) => (known[name] ??= resolved(String(name))) });
 }
 
-/** Mark all runs of the page as shown, for tests. */
+/** Count how often all of the page was shown, for tests. */
 export function tellShown() {
   const { dataset } = document.documentElement;
   dataset.shown = String(Number(dataset.shown ?? 0) + 1);

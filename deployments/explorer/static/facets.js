@@ -5,13 +5,7 @@ const [WIDTH, HEIGHT] = [240, 48];
 
 const quoted = (text) => encodeURIComponent(text).replace(/[!*]/g, (sign) => (sign === "!" ? "%21" : "%2A"));
 
-/**
- * Put a condition on a column into a filter, in the place of an earlier one.
- * @param {string} filter As in the address.
- * @param {string} column
- * @param {string} rest The condition without the column's name; empty for none.
- * @returns {string}
- */
+/** Put a condition on a column into a filter, in the place of an earlier one; an empty one only takes that away. */
 export function changed(filter, column, rest) {
   const others = filter.split(";").filter((each) => decodeURIComponent(each.split(/[=:*]/)[0]) !== column);
   return [...others, rest && quoted(column) + rest].filter(Boolean).join(";");
@@ -26,11 +20,7 @@ export function rangeText([low, high]) {
 /** The condition of some values; null is a missing one. */
 export const valuesText = (values) => `=${values.map((value) => (value === null ? "!" : quoted(value))).join("|")}`;
 
-/**
- * Follow the fields of a side bar.
- * @param {HTMLElement} bar
- * @param {(column: string, rest: string) => void} choose
- */
+/** Follow the fields of a side bar. @type {(bar: Element, choose: (column: string, rest: string) => void) => void} */
 export function followFields(bar, choose) {
   bar.addEventListener("change", ({ target }) => {
     if (target.type === "search") return choose("configuration", target.value && `*${quoted(target.value)}`);

@@ -1,7 +1,7 @@
 /** The map: trajectories, final poses, or rates of cells on a floor that is moved by pointer or keys. */
 import { placeIn } from "./brush.js";
-import { nearestTo } from "./chart.js";
-import { count, drawn, element, fetched, filled, link, VERDICTS, within } from "./dom.js";
+import { DOTS, nearestTo } from "./chart.js";
+import { count, drawn, element, fetched, filled, stepOf, tellRun, VERDICTS, within } from "./dom.js";
 import { picture, ShownPart } from "./maps.js";
 import { saveButtons } from "./save.js";
 
@@ -14,6 +14,7 @@ const MARKS = {
 const NEAR_PX = 8;
 const STEP_PX = 40;
 const ZOOM = 1.5;
+const PIXELS = { preserveAspectRatio: "none", "image-rendering": "pixelated" };
 /** Viridis from yellow (little) to purple (much), as in the report. */
 const RAMP = ["#fde725", "#5ec962", "#21918c", "#3b528b", "#440154"];
 const SELDOM = [150, 150, 150, 70];
@@ -27,45 +28,40 @@ export class MapView extends ShownPart {
   /** Least and greatest x and y that are shown at first; null for the whole map. */
   extent = null;
 
-  /**
-   * @param {HTMLElement} place
-   * @param {string} name Of files that are saved.
-   * @param {(configuration: string, run: number) => string} runAddress
-   */
-  constructor(place, name, runAddress) {
+  /** @param {HTMLElement} place @param {string} name Of files that are saved. */
+  constructor(place, name) {
     const drawing = /** @type {SVGSVGElement} */ (drawn("svg", { tabindex: 0, class: "map", role: "application" }));
     super(drawing, () => this.draw(), {
       hovered: (event) => this.#tell(event),
       zooms: (event) => event.ctrlKey || document.activeElement === drawing, // else the page is scrolled
     });
-    this.runAddress = runAddress;
     this.told = element("p", { class: "muted", "aria-live": "polite" });
     this.legend = element("p", { class: "row muted" });
-    const zoom = [
-      ["+", "Zoom in", () => this.zoom(ZOOM)],
-      ["−", "Zoom out", () => this.zoom(1 / ZOOM)],
-      ["⤢", "Whole map", () => this.fit()],
-    ].map(([sign, title, click]) => element("button", { title, "aria-label": title, click }, sign));
+    const zoom = Object.entries({ "+": "Zoom in", "−": "Zoom out", "⤢": "Whole map" }).map(([sign, title]) =>
+      element("button", { title, "aria-label": title, click: () => this.#zooms[sign]() }, sign),
+    );
     const saved = saveButtons(name, () => this.floor && drawing);
     place.replaceChildren(drawing, element("div", { class: "row" }, ...zoom, ...saved), this.legend, this.told);
     drawing.addEventListener("keydown", (event) => this.#key(event));
     new ResizeObserver(() => this.draw()).observe(drawing);
   }
 
+  /** By the key, or the sign on a button. */
+  #zooms = {
+    "+": () => this.zoom(ZOOM),
+    "=": () => this.zoom(ZOOM),
+    "-": () => this.zoom(1 / ZOOM),
+    "−": () => this.zoom(1 / ZOOM),
+    0: () => this.fit(),
+    "⤢": () => this.fit(),
+  };
+
   #key(event) {
-    const done = {
-      "+": () => this.zoom(ZOOM),
-      "=": () => this.zoom(ZOOM),
-      "-": () => this.zoom(1 / ZOOM),
-      0: () => this.fit(),
-      ArrowLeft: () => this.pan(STEP_PX, 0),
-      ArrowRight: () => this.pan(-STEP_PX, 0),
-      ArrowUp: () => this.pan(0, STEP_PX),
-      ArrowDown: () => this.pan(0, -STEP_PX),
-    }[event.key];
-    if (!done || event.ctrlKey || event.metaKey || event.altKey) return;
+    const [step, zoom] = [stepOf(event), !event.ctrlKey && !event.metaKey && this.#zooms[event.key]];
+    if (!step && !zoom) return;
     event.preventDefault();
-    done();
+    if (step) this.pan(...step.map((each) => -each * STEP_PX));
+    else zoom();
   }
 
   /** Show the whole map. */
@@ -101,12 +97,16 @@ export class MapView extends ShownPart {
     const [x, y] = floor.origin;
     const turned = `translate(${x} ${-y}) rotate(${(-180 * floor.yaw) / Math.PI})`;
     const box = { x: floor.x - x, y: y - floor.y - floor.height, width: floor.width, height: floor.height };
-    const ground = drawn("image", { href: this.picture, preserveAspectRatio: "none", transform: turned, ...box });
+    const ground = drawn("image", { href: this.picture, transform: turned, ...PIXELS, ...box });
     const outlines = this.outlines.map((points) => {
-      return drawn("path", { class: "obstacle", d: `M${points.map(([px, py]) => `${px} ${-py}`).join("L")}Z` });
+      return drawn("polygon", {
+        points: points.map(([px, py]) => `${px},${-py}`).join(" "),
+        fill: "var(--obstacle)",
+        "fill-opacity": 0.4,
+      });
     });
     const marks = this.marks.map(({ shape, x: at, y: up }) => {
-      const mark = drawn("path", { class: "mark", d: `M0 0${MARKS[shape]}` });
+      const mark = drawn("path", { d: `M0 0${MARKS[shape]}`, "stroke-width": 2 });
       mark.style.transform = `translate(${at}px, ${-up}px) scale(var(--px))`;
       return mark;
     });
@@ -130,8 +130,8 @@ export class MapView extends ShownPart {
       const places = Array.from({ length: last - first }, (_, k) => place(first + k));
       lines[verdict] += `M${places.join("L")}${ends ? "h0" : ""}`;
     });
-    const opacity = ends ? 0.75 : within(4 / Math.sqrt(header.runs), 0.15, 0.9);
-    return lines.map((d, k) => drawn("path", { d, class: `${ends ? "dots" : "line"} ${VERDICTS[k].color}`, opacity }));
+    const look = ends ? DOTS : { "stroke-width": 1.5, opacity: within(4 / Math.sqrt(header.runs), 0.15, 0.9) };
+    return lines.map((d, k) => drawn("path", { d, class: VERDICTS[k].color, ...look }));
   }
 
   /** A picture of the cells; their legend is written. */
@@ -159,7 +159,7 @@ export class MapView extends ShownPart {
     ramp.style.background = `linear-gradient(90deg, ${RAMP})`;
     this.legend.replaceChildren(isRate ? "0 %" : "1", ramp, isRate ? "100 %" : count(most), words);
     const box = { x: origin[0], y: -origin[1] - cell * rows, width: cell * columns, height: cell * rows };
-    return drawn("image", { href: picture(rows, columns, colors).toDataURL(), preserveAspectRatio: "none", ...box });
+    return drawn("image", { href: picture(rows, columns, colors).toDataURL(), ...PIXELS, ...box });
   }
 
   /** Show the part of the map. */
@@ -194,9 +194,7 @@ export class MapView extends ShownPart {
     const at = nearestTo([x, y], arrays.xy.length / 2, placeOf, NEAR_PX / this.scale);
     if (at < 0) return;
     const run = header.layer === "ends" ? at : arrays.starts.findLastIndex((start) => start <= at);
-    const [name, index] = [header.configurations[arrays.configuration[run]], arrays.run[run]];
-    const opened = link(this.runAddress(name, index), `${name}, run ${index}`);
-    this.told.replaceChildren(opened, `: ${VERDICTS[arrays.verdict[run]].word}`);
+    tellRun(this.told, header.configurations[arrays.configuration[run]], arrays.run[run], arrays.verdict[run]);
   }
 }
 

@@ -88,12 +88,7 @@ export class ShownPart {
   }
 }
 
-/**
- * A picture with a pixel for each cell.
- * @param {number} rows
- * @param {number} columns
- * @param {Uint8ClampedArray} colors Red, green, blue, and opacity of each cell.
- */
+/** Make a picture of the colors of cells: red, green, blue, and opacity of each. */
 export function picture(rows, columns, colors) {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [columns, rows];

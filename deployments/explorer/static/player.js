@@ -1,11 +1,10 @@
 /** The player: one or two runs on one clock. */
-import { $, copy, element, fetchPacked, onTheme, readTheme, showError, within } from "./dom.js";
+import { $, copy, element, fetchPacked, query, readTheme, showError, within } from "./dom.js";
 import { RunMap } from "./player_map.js";
 import { panel } from "./player_panels.js";
 import { Layers, Run } from "./player_run.js";
 import { Tracks } from "./player_tracks.js";
 
-const query = new URLSearchParams(location.search);
 const find = (selector) => /** @type {any} */ (document.querySelector(selector));
 const [play, time, execute] = ["[data-action=toggle]", ".time", "[data-action=execute]"].map(find);
 const [said, speed, layers] = ["said", "speed", "layers"].map($);
@@ -25,7 +24,7 @@ class Player {
     $("controls").hidden = !this.views.length;
     this.tracks = new Tracks(find(".tracks"), this.sides, this.end, (t) => this.seek(t));
     this.#listen();
-    onTheme(() => this.recolor());
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.recolor());
     new ResizeObserver(() => this.repaint()).observe(find(".player"));
     this.recolor();
     const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -67,7 +66,7 @@ class Player {
     const canvas = element("canvas", { class: "map", role: "img", "aria-label": `Map of ${run.name}` });
     side.view = new RunMap(/** @type {HTMLCanvasElement} */ (canvas), run, () => this.draw());
     side.state = element("span");
-    return element("figure", { class: "map" }, canvas, name, side.state);
+    return element("div", {}, canvas, name, side.state);
   }
 
   /** Keys and buttons are in the page's markup with the names of their actions. */

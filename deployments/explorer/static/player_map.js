@@ -11,11 +11,7 @@ export class RunMap extends ShownPart {
   /** @type {import("./player_run.js").Layers | null} */
   layers = null;
 
-  /**
-   * @param {HTMLCanvasElement} canvas
-   * @param {import("./player_run.js").Run} run
-   * @param {() => void} moved Called when the view was moved or zoomed.
-   */
+  /** @param {HTMLCanvasElement} canvas @param {import("./player_run.js").Run} run @param {() => void} moved */
   constructor(canvas, run, moved) {
     super(canvas, moved);
     this.run = run;
@@ -46,9 +42,8 @@ export class RunMap extends ShownPart {
     const [width, height, c, s] = [columns * resolution_m, rows * resolution_m, Math.cos(yaw_rad), Math.sin(yaw_rad)];
     const xs = [0, c * width, -s * height, c * width - s * height];
     const ys = [0, s * width, c * height, s * width + c * height];
-    [canvas.width, canvas.height] = [canvas.clientWidth, canvas.clientHeight].map((px) =>
-      Math.round(px * devicePixelRatio),
-    );
+    canvas.width = Math.round(canvas.clientWidth * devicePixelRatio);
+    canvas.height = Math.round(canvas.clientHeight * devicePixelRatio);
     this.take([x + Math.min(...xs), x + Math.max(...xs), y + Math.min(...ys), y + Math.max(...ys)], MARGIN_PX);
   }
 

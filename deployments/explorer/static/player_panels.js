@@ -5,7 +5,7 @@ import { element, VERDICTS } from "./dom.js";
 export const MARKS = {
   contact: ["✕", "fail"],
   recovery: ["●", "belief"],
-  error: ["▲", "fail-text"],
+  error: ["▲", "fail"],
   goal: ["◆", "goal"],
   obstacle: ["■", "obstacle-edge"],
   stop: ["■", "horizon"],
@@ -30,19 +30,13 @@ function mark(judgement) {
   return element("strong", { class: color }, word);
 }
 
-/**
- * Verdicts and events of a run.
- * @param {import("./player_run.js").Run} run
- * @param {(t: number) => void} seek
- * @returns {HTMLElement}
- */
+/** Verdicts and events of a run. @type {(run: import("./player_run.js").Run, seek: (t: number) => void) => Element} */
 export function panel(run, seek) {
   const { header } = run;
   const { outcome, reason, simulated_s, distance_m, recoveries } = header;
   const said = [];
-  if (header.executed !== header.configuration) {
-    said.push(`It has the content of ${header.executed}, whose runs were recorded.`);
-  }
+  const other = header.executed !== header.configuration;
+  if (other) said.push(`It has the content of ${header.executed}, whose runs were recorded.`);
   if (outcome) {
     const how = `${outcome.replaceAll("_", " ")}${reason ? `: ${reason}` : ""}`;
     const again = `${recoveries} ${recoveries === 1 ? "recovery" : "recoveries"}`;
@@ -55,7 +49,7 @@ export function panel(run, seek) {
   const items = events.map(([letter, color, t_s, text]) => {
     const sign = element("span", {}, letter);
     sign.style.color = `var(--${color})`;
-    return element("button", { class: "event", click: () => seek(t_s) }, sign, ` ${t_s.toFixed(2)} s  ${text}`);
+    return element("button", { click: () => seek(t_s) }, sign, ` ${t_s.toFixed(2)} s  ${text}`);
   });
   return element(
     "section",
@@ -64,7 +58,7 @@ export function panel(run, seek) {
     ...said.map((text) => element("p", {}, text)),
     ...header.verdicts.map(verdict),
     element("h2", {}, items.length ? `Events: ${items.length}` : "No events"),
-    element("div", { class: "events" }, ...items),
+    element("div", { class: "events scroll low" }, ...items),
   );
 }
 

@@ -7,8 +7,7 @@ const NEXT_PLACE_S = 0.25;
 export class Run {
   /** @param {{header: any, arrays: Object<string, any>}} reply */
   constructor({ header, arrays }) {
-    this.header = header;
-    this.arrays = arrays;
+    Object.assign(this, { header, arrays });
     this.hasRobot = !header.sentence;
     this.name = `${header.configuration}, run ${header.run}`;
     this.columns = {};
@@ -56,10 +55,8 @@ export class Run {
   obstacles(t) {
     return this.header.obstacles.flatMap(({ places, ...obstacle }) => {
       // Times are stored to the millisecond.
-      const k = Math.max(
-        places.findLastIndex(([since]) => since <= t + 5e-4),
-        0,
-      );
+      const last = places.findLastIndex(([since]) => since <= t + 5e-4);
+      const k = Math.max(last, 0);
       const [since, x, y, yaw] = places[k];
       const [until, ...to] = places[k + 1] || [Infinity];
       if (x === null) return [];
@@ -74,8 +71,7 @@ export class Run {
 export class Layers {
   /** @param {{header: any, arrays: Object<string, any>}} reply */
   constructor({ header, arrays }) {
-    this.header = header;
-    this.arrays = arrays;
+    Object.assign(this, { header, arrays });
     this.moments = header.arrays["plan spans"].shape[0];
   }
 

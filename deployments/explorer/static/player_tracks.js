@@ -1,12 +1,12 @@
 /** The time line and the signals of one or two runs, over one time axis. */
+import { ticksOf } from "./chart.js";
 import { drawn, element } from "./dom.js";
 import { MARKS, reading } from "./player_panels.js";
 
 /** Pixels; the style sheet has the same edges. */
 const [LEFT, RIGHT, BAND, TICKS, AXIS, PLOT] = [52, 12, 16, 24, 18, 64];
 const SNAP_PX = 6;
-const LETTER_PX = 6.5;
-const STEPS_S = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600, 7200, 14400];
+const [LETTER_PX, TICK_PX] = [6.5, 60];
 const DASHES = ["", "4 3", "1 3"];
 const ENDS = { SUCCESS: "pass", FAILURE: "fail" };
 
@@ -44,7 +44,7 @@ export class Tracks {
     }
     this.plots = [...plots.values()].map((plot) => ({ ...plot, values: element("span", { class: "muted" }) }));
     const drawings = this.plots.flatMap((plot) => [
-      element("div", { class: "row caption" }, element("span", {}, plot.title), plot.values),
+      element("div", { class: "row" }, element("span", {}, plot.title), plot.values),
       this.#plot(plot),
     ]);
     place.replaceChildren(this.line, this.cursor, ...drawings);
@@ -107,15 +107,16 @@ export class Tracks {
         // A recovery follows an error at once, and a contact an obstacle that appears.
         const y = top + (mark === "recovery" || mark === "contact" ? 21 : 11);
         const title = drawn("title", {}, `${t_s.toFixed(2)} s: ${text}`);
-        parts.push(drawn("text", { x: this.#x(t_s), y, class: "middle", fill: `var(--${color})` }, letter, title));
+        parts.push(
+          drawn("text", { x: this.#x(t_s), y, "text-anchor": "middle", fill: `var(--${color})` }, letter, title),
+        );
       }
       top += TICKS + BAND * (1 + lanes.length) + 4;
     });
-    const step = STEPS_S.find((each) => (each / this.end) * this.line.clientWidth > 48) || this.end;
-    for (let k = 0; k * step <= this.end + 1e-9; k += 1) {
-      const [x, text] = [this.#x(k * step), `${+(k * step).toFixed(1)}${k ? "" : " s"}`];
+    for (const t of ticksOf(0, this.end, this.line.clientWidth / TICK_PX)) {
+      const [x, text] = [this.#x(t), t ? String(t) : "0 s"];
       parts.push(drawn("rect", { x, y: top, width: 1, height: 4 }));
-      parts.push(drawn("text", { x, y: top + 14, class: "middle" }, text));
+      parts.push(drawn("text", { x, y: top + 14, "text-anchor": "middle" }, text));
     }
     this.line.style.height = `${top + AXIS}px`;
     this.line.replaceChildren(...parts);
@@ -139,7 +140,7 @@ export class Tracks {
     if (high === low) high = low + 1;
     const y = (value) => 7 + ((high - value) / (high - low)) * (PLOT - 14);
     const labels = [...new Set([low, 0, high])].map((value) =>
-      drawn("text", { x: -5, y: y(value) + 4, class: "end" }, reading(value)),
+      drawn("text", { x: -5, y: y(value) + 4, "text-anchor": "end" }, reading(value)),
     );
     // In seconds and pixels, which the page stretches to its width.
     const paths = this.sides.flatMap(({ run }, side) =>
@@ -152,13 +153,13 @@ export class Tracks {
         const color = side ? "horizon" : n ? "muted" : "accent";
         return drawn("path", {
           d,
-          stroke: `var(--${color})`,
+          color: `var(--${color})`,
           "stroke-dasharray": DASHES[n],
           "stroke-width": n ? 1.1 : 1.4,
         });
       }),
     );
-    const zero = drawn("path", { d: `M0 ${y(0)}h${this.end}`, class: "grid" });
+    const zero = drawn("path", { d: `M0 ${y(0)}h${this.end}`, color: "var(--line)" });
     const view = { viewBox: `0 0 ${this.end} ${PLOT}`, preserveAspectRatio: "none" };
     const attributes = { class: "track", role: "img", "aria-label": `${title} over time`, height: PLOT };
     return drawn("svg", attributes, ...labels, drawn("svg", view, zero, ...paths));

@@ -1,15 +1,15 @@
 /** Figures as files: SVG with its colors in it, and PNG of twice the size. */
 import { drawn, element, filled, readTheme } from "./dom.js";
 
-const KEPT =
-  "fill fill-opacity font-family font-size image-rendering opacity stroke stroke-linecap stroke-opacity stroke-width text-anchor vector-effect";
+const KEPT = ["fill", "fill-opacity", "font-family", "font-size", "image-rendering", "opacity", "stroke"].concat([
+  "stroke-linecap",
+  "stroke-opacity",
+  "stroke-width",
+  "text-anchor",
+  "vector-effect",
+]);
 
-/**
- * Make the two buttons that save a figure.
- * @param {string} name Of the file, without its ending.
- * @param {() => SVGSVGElement | null} figure In the page.
- * @returns {HTMLElement[]}
- */
+/** Make the two buttons that save a figure of the page. @type {(name: string, figure: () => any) => HTMLElement[]} */
 export function saveButtons(name, figure) {
   return Object.entries({ PNG: pngOf, SVG: (blob) => blob }).map(([kind, made]) => {
     const click = async () => {
@@ -25,12 +25,11 @@ function blobOf(figure) {
   const [from, to] = [figure, copy].map((each) => [each, ...each.querySelectorAll("*")]);
   from.forEach((each, k) => {
     const style = getComputedStyle(each);
-    for (const key of KEPT.split(" ")) to[k].setAttribute(key, style.getPropertyValue(key));
+    for (const key of KEPT) to[k].setAttribute(key, style.getPropertyValue(key));
     to[k].removeAttribute("class");
   });
   const { x, y, width, height } = figure.viewBox.baseVal;
-  const size = { width: figure.clientWidth, height: figure.clientHeight };
-  filled(copy, { xmlns: "http://www.w3.org/2000/svg", ...size });
+  filled(copy, { xmlns: "http://www.w3.org/2000/svg", width: figure.clientWidth, height: figure.clientHeight });
   copy.prepend(drawn("rect", { x, y, width, height, fill: readTheme().panel }));
   return new Blob([new XMLSerializer().serializeToString(copy)], { type: "image/svg+xml" });
 }

@@ -214,7 +214,9 @@ def test_time_line_and_event_list_go_to_a_moment(page: Page):
     wait(page.browser, "Math.abs(Number.parseFloat(document.querySelector('.time').textContent) - 1) < 0.02")
     page.click(x + 52 + (width - 64) * 1.25 / 2.5 + 3, y + 8)  # near a contact
     assert page.shows("1.25 s")
-    page.browser.value("[...document.querySelectorAll('.event')].find(e => e.textContent.includes('spin')).click()")
+    page.browser.value(
+        "[...document.querySelectorAll('.events button')].find(e => e.textContent.includes('spin')).click()"
+    )
     assert page.shows("0.50 s")
 
 
@@ -246,7 +248,7 @@ def test_lock_step_has_one_clock_and_the_longer_end(page: Page):
         assert page.color_at(1.55, 2.1, map_index) == [28, 33, 38]
     page.press("End")
     assert page.shows("4.10 s")
-    assert "ended at 2.50 s" in page.text(".maps figure")
+    assert "ended at 2.50 s" in page.text(".maps > *")
     assert page.color_at(3.35, 2.1, 0) == [28, 33, 38]  # where it ended
     assert page.color_at(4.95, 2.1, 1) == [28, 33, 38]
     assert "robot 1" not in page.text(".tracks .muted")
@@ -268,7 +270,7 @@ def test_layers_come_on_request_and_report_equality(page: Page):
     wait(page.browser, "document.querySelectorAll('#layers input:disabled').length === 0")
     assert page.text("[role=status]").startswith("The layers have a moment every 0.1 s")
     assert page.color_at(0.3, 2.0) != wall  # the global costmap
-    assert page.text(".maps figure").startswith("following")
+    assert page.text(".maps > *").startswith("following")
 
 
 def test_narrow_page_does_not_scroll_sideways(page: Page):
