@@ -212,7 +212,7 @@ def rows_json(
     found = {name: _of_configurations(table.column(name), chosen, here) for name in names}
     keys = pa.table({"key": {**found, **own}[sort], "place": here})
     by = [("key", "descending" if descending else "ascending"), ("place", "ascending")]
-    page = pc.sort_indices(keys, by)[start : start + count].to_pylist()
+    page = pc.sort_indices(keys, by)[start : start + count]
     values = pa.table(found).take(page).to_pylist() if found else [{}] * len(page)
     rows = [
         {
@@ -220,7 +220,7 @@ def rows_json(
             **_counts_json(counts[k]),
             "values": [*map(_rounded, each.values())],
         }
-        for k, each in zip(page, values, strict=True)
+        for k, each in zip(page.to_pylist(), values, strict=True)
     ]
     columns = [{"name": n, "unit": table.columns[n].unit, "text": table.columns[n].levels is not None} for n in names]
     return {"columns": columns, "rows": rows, "total": len(here), "start": start}

@@ -218,7 +218,7 @@ def test_real_campaign_is_watched_to_its_end(browser: Browser, explorer: str, be
     process = begin()
     watch(browser, explorer)
     assert process.poll() is None and browser.value("document.getElementById('end').innerText") == ""
-    until(browser, "document.querySelector('#recent path.pass').getAttribute('d')")
+    until(browser, "document.querySelector('#recent .pass')")
     until(browser, "document.getElementById('end').innerText.startsWith('The campaign is finished.')")
     assert "3 of 3" in browser.value("document.getElementById('families').innerText")
     said, _ = process.communicate(timeout=PATIENCE_S)

@@ -133,6 +133,11 @@ def test_rows_are_pages_of_one_order(table, sort, descending):
     assert keys == sorted(keys, reverse=descending)
 
 
+def test_rows_of_no_run_are_an_empty_page(table):
+    found = rows_json(table, np.zeros(len(table), dtype=bool), ["noise"], "family", descending=True, start=0, count=7)
+    assert (found["rows"], found["total"]) == ([], 0)
+
+
 def test_rows_have_means_of_selected_runs(table):
     mask = mask_of(table, parse_filter("passed=pass"))
     runs = runs_of()
