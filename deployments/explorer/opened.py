@@ -85,6 +85,7 @@ class OpenedCampaigns:
 
 
 def _opened(directory: CampaignDirectory, written_ns: int | None) -> Campaign:
+    """Read a campaign; `written_ns`, the time of its table, tells the cache that it is another."""
     path = directory.path
     if not (path / _CONFIGURATIONS).is_file():
         words = "it is still running" if directory.state == "running" else "its tables were not written"

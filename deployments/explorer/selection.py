@@ -99,7 +99,7 @@ class RunTable:
 
 @dataclass(frozen=True, slots=True)
 class ValuesOf:
-    """Runs that have one of some values, which are in order; None is a missing value, and numbers are in their shortest form."""
+    """Runs that have one of some values in order; None is missing, and numbers have their shortest form."""
 
     column: str
     values: tuple[str | None, ...]
