@@ -14,6 +14,7 @@ const MARKS = {
 const NEAR_PX = 8;
 const STEP_PX = 40;
 const ZOOM = 1.5;
+const OBSTACLE = { fill: "var(--obstacle)", "fill-opacity": 0.4, stroke: "var(--obstacle-edge)", "stroke-width": 0.02 };
 const PIXELS = { preserveAspectRatio: "none", "image-rendering": "pixelated" };
 /** Viridis from yellow (little) to purple (much), as in the report. */
 const RAMP = ["#fde725", "#5ec962", "#21918c", "#3b528b", "#440154"];
@@ -42,6 +43,7 @@ export class MapView extends ShownPart {
     );
     const saved = saveButtons(name, () => this.floor && drawing);
     place.replaceChildren(drawing, element("div", { class: "row" }, ...zoom, ...saved), this.legend, this.told);
+    drawing.addEventListener("click", (event) => this.#tell(event)); // where no pointer hovers
     drawing.addEventListener("keydown", (event) => this.#key(event));
     new ResizeObserver(() => this.draw()).observe(drawing);
   }
@@ -98,12 +100,9 @@ export class MapView extends ShownPart {
     const turned = `translate(${x} ${-y}) rotate(${(-180 * floor.yaw) / Math.PI})`;
     const box = { x: floor.x - x, y: y - floor.y - floor.height, width: floor.width, height: floor.height };
     const ground = drawn("image", { href: this.picture, transform: turned, ...PIXELS, ...box });
-    const outlines = this.outlines.map((points) => {
-      return drawn("polygon", {
-        points: points.map(([px, py]) => `${px},${-py}`).join(" "),
-        fill: "var(--obstacle)",
-        "fill-opacity": 0.4,
-      });
+    const outlines = this.outlines.map((corners) => {
+      const points = corners.map(([px, py]) => `${px},${-py}`).join(" ");
+      return drawn("polygon", { points, ...OBSTACLE });
     });
     const marks = this.marks.map(({ shape, x: at, y: up }) => {
       const mark = drawn("path", { d: `M0 0${MARKS[shape]}`, "stroke-width": 2 });

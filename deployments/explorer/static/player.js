@@ -1,5 +1,5 @@
 /** The player: one or two runs on one clock. */
-import { $, copy, element, fetchPacked, query, readTheme, showError, within } from "./dom.js";
+import { $, copy, element, fetchPacked, query, readTheme, remember, showError, within } from "./dom.js";
 import { RunMap } from "./player_map.js";
 import { panel } from "./player_panels.js";
 import { Layers, Run } from "./player_run.js";
@@ -49,7 +49,7 @@ class Player {
     farther: () => this.views.forEach((view) => view.zoom(0.8)),
     fit: () => this.views.forEach((view) => view.fit()),
     follow: () => this.#follow(),
-    copy: () => copy(this.address(), said, "The address of this moment is copied.", this.address()),
+    copy: () => copy(this.keep(), said, "The address of this moment is copied.", location.href),
     execute: () => this.load(),
     help: () => find("dialog").showModal(),
   };
@@ -141,7 +141,7 @@ class Player {
     play.textContent = "Play";
     clearTimeout(this.keeping);
     // Browsers limit how often an address may change. It replaces the last one, so that Back leaves the page.
-    this.keeping = setTimeout(() => history.replaceState(null, "", this.address()), 250);
+    this.keeping = setTimeout(() => this.keep(), 250);
     this.draw();
   }
 
@@ -152,13 +152,10 @@ class Player {
     this.pause();
   }
 
-  /** The address of this moment. */
-  address() {
-    const here = new URL(location.href);
-    here.searchParams.set("t", String(+this.t.toFixed(3)));
-    here.searchParams.set("paused", "1");
-    if (execute.hidden) here.searchParams.set("layers", "1");
-    return here.href;
+  /** Put this moment into the address, and return it. */
+  keep() {
+    remember({ t: String(+this.t.toFixed(3)), paused: "1", layers: execute.hidden && "1" });
+    return location.href;
   }
 
   #toNextContact() {

@@ -25,15 +25,11 @@ const BANDS = {
 
 export class Tracks {
   /**
-   * @param {HTMLElement} place
+   * Draw runs with their activities, up to the end of the longer one, in an element.
    * @param {Array<{run: import("./player_run.js").Run, activities: Array<[number, number, string]>}>} sides
-   * @param {number} end Time of the end of the longer run.
-   * @param {(t: number) => void} seek
    */
   constructor(place, sides, end, seek) {
-    this.sides = sides;
-    this.seek = seek;
-    this.end = Math.max(end, 0.1);
+    Object.assign(this, { sides, seek, end: Math.max(end, 0.1) });
     this.cursor = element("div", { class: "cursor" });
     const limits = { "aria-valuemin": 0, "aria-valuemax": end.toFixed(2) };
     this.line = drawn("svg", { class: "track", tabindex: 0, role: "slider", "aria-label": "Time", ...limits });
