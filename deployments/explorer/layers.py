@@ -168,7 +168,7 @@ class Parts:
 
 
 def in_units(xy_m: NDArray[np.float64]) -> tuple[tuple[float, float, float], NDArray[np.int16]]:
-    """Return points (N, 2) as whole numbers of a unit, and the unit: a millimeter, or more if they are far apart."""
+    """Return the unit of points, a millimeter or more if they are far apart, and its multiples (N, 2)."""
     low, high = (xy_m.min(axis=0), xy_m.max(axis=0)) if len(xy_m) else (np.zeros(2), np.zeros(2))
     middle, size_m = (low + high) / 2, max(0.001, float((high - low).max()) / 2 / LARGEST)
     x_m, y_m = middle.tolist()

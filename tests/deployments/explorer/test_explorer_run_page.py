@@ -39,8 +39,8 @@ def test_run_page_links_failed_runs_before_and_after(client, add_campaign, id_of
     assert f'data-key="n" href="/run?c={campaign}&amp;configuration=quiet-2&amp;run=0"' in page
     assert f'href="/configuration?c={campaign}&amp;name=quiet-1"' in page
     last = client.get("/run", params=of(campaign, configuration="quiet-2", run=3)).text
-    assert 'class="button" data-key="p"' in last
-    assert 'class="button" data-key="n"' not in last
+    assert '<a data-key="p"' in last
+    assert '<a data-key="n"' not in last
 
 
 def test_around_run_finds_failed_runs_in_order_of_configurations(add_campaign):
