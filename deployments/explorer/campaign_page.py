@@ -1,27 +1,25 @@
 """The page of a campaign: facets, map, table, scatter, and parallel coordinates of a selection of its runs."""
 
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from tempfile import NamedTemporaryFile
-from typing import Any, Final
+from tempfile import TemporaryFile
+from typing import IO, Any, Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
-from starlette.background import BackgroundTask
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer import facets, trajectories
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import arrays_reply, name_of, number_of, unless_known
+from vastflow.deployments.explorer.replies import arrays_reply, name_of, number_of
 from vastflow.deployments.explorer.selection import (
     WIDE_FILE,
     Bools,
@@ -32,7 +30,6 @@ from vastflow.deployments.explorer.selection import (
     parse_filter,
     python_of,
 )
-from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.results.unusable import reading
 from vastflow.sim.model.faults import UserError
 
@@ -45,6 +42,7 @@ _ROWS: Final = 50
 _SHOWN_FACTORS: Final = 6
 """Factors that the table shows at first."""
 _ROWS_A_BATCH: Final = 8192
+_CHUNK_BYTES: Final = 1 << 16
 _WAIT_S: Final = 0.05
 """Time that a request waits for paths; what is read meanwhile comes with the next."""
 _FORMATS: Final = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
@@ -72,13 +70,8 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         def answer(request: Request) -> Response:
             campaign = opened.of(name_of(request, "c"))
             chosen = parse_filter(request.query_params.get("f", ""))
-
-            def reply() -> Response:
-                found = made(request, campaign, chosen, mask_of(campaign.table, chosen))
-                return found if isinstance(found, Response) else pages.part(request, f"{name}.html.j2", found)
-
-            # More paths are read meanwhile.
-            return reply() if made is paths else unless_known(request, campaign.stamp, reply)
+            found = made(request, campaign, chosen, mask_of(campaign.table, chosen))
+            return found if isinstance(found, Response) else pages.part(request, f"{name}.html.j2", found)
 
         return answer
 
@@ -102,7 +95,7 @@ def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -
     """Return the counts of the selection, its reasons, its program, and the choices of the page."""
     return {
         "filter": format_filter(chosen),
-        "conditions": [asdict(each) for each in chosen.conditions],
+        "conditions": [asdict(each) for each in chosen.values()],
         "summary": facets.summary_json(campaign.table, mask),
         "by_result": is_by_result(campaign.table, chosen),
         "reasons": facets.reasons_json(campaign.table, mask),
@@ -114,7 +107,7 @@ def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -
 
 def facet_counts(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Mapping[str, Any]:
     """Return each facet's counts under the other facets' conditions."""
-    return {**campaign.facets.json(chosen), "conditions": {each.column: asdict(each) for each in chosen.conditions}}
+    return {**campaign.facets.json(chosen), "conditions": {name: asdict(each) for name, each in chosen.items()}}
 
 
 def rows(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Mapping[str, Any]:
@@ -139,10 +132,9 @@ def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
     """Return a layer of the map of the runs that were read so far."""
     environment = _environment(request, campaign)
     asked = request.query_params.get("layer", "paths")
-    shown = next((each for each in trajectories.LAYERS if each == asked), None)
-    if shown is None:
+    if asked not in trajectories.LAYERS:
         raise HTTPException(400, f"layer: expected one of {', '.join(trajectories.LAYERS)}, got {asked!r}")
-    found = campaign.trajectories.read(environment, _WAIT_S)
+    found = campaign.reading(environment, _WAIT_S)
     header = {
         "problem": found.problem,
         "read": found.done,
@@ -150,9 +142,9 @@ def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
         "damaged": found.damaged,
         "floor": found.floor.json() if found.floor else None,
     }
-    if not found.parts or found.floor is None:
+    if found.paths is None or found.floor is None:
         return arrays_reply({**header, "form": "nothing"}, {})
-    told, arrays = trajectories.layer(found.parts[0], campaign.table, mask, found.floor.grid, shown)
+    told, arrays = trajectories.layer(found.paths, campaign.table, mask, found.floor.grid, asked)
     return arrays_reply({**header, **told}, arrays)
 
 
@@ -175,38 +167,23 @@ def table(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
     form = request.query_params.get("format", "csv")
     if form not in _FORMATS:
         raise HTTPException(400, f"format: expected csv or parquet, got {form!r}")
-    with NamedTemporaryFile(prefix="vastflow-", suffix=f".{form}", delete=False) as file:
-        place = Path(file.name)
-    removed = BackgroundTask(place.unlink, missing_ok=True)
-    try:
-        with reading(campaign.directory.path):
-            write_selected(campaign, mask, place)
-    except UserError:
-        place.unlink()
-        raise
+    file = TemporaryFile()  # noqa: SIM115 - it is closed with the reply
+    with reading(campaign.directory.path):
+        write_selected(campaign.directory.path / WIDE_FILE, mask, file, form)
     name = f"{campaign.directory.id}-{int(mask.sum())}-runs.{form}"
-    return FileResponse(place, media_type=_FORMATS[form], filename=name, background=removed)
+    headers = {"Content-Length": str(file.tell()), "Content-Disposition": f'attachment; filename="{name}"'}
+    file.seek(0)
+    return StreamingResponse(iter(lambda: file.read(_CHUNK_BYTES), b""), 200, headers, _FORMATS[form])
 
 
-def write_selected(campaign: Campaign, mask: Bools, place: Path) -> None:
-    """Write the selected runs as CSV or parquet, some rows at a time to save memory."""
-    file, start = campaign.directory.path / WIDE_FILE, 0
-    if file.is_file():
-        batches = pq.ParquetFile(file).iter_batches(_ROWS_A_BATCH)
-    else:
-        from vastflow.oracles.evidence.wide import wide_table
-
-        joined = pa.Table.from_pandas(wide_table(read_tables(campaign.directory.path)), preserve_index=False)
-        batches = iter(joined.to_batches())
-    with ExitStack() as stack:
-        writer = None
-        for batch in batches:
-            plain = [
-                pc.cast(each, pa.string()) if pa.types.is_dictionary(each.type) else each for each in batch.columns
-            ]
-            part = pa.table(plain, names=batch.schema.names).filter(pa.array(mask[start : start + len(batch)]))
-            start += len(batch)
-            if writer is None:
-                kind = pyarrow.csv.CSVWriter if place.suffix == ".csv" else pq.ParquetWriter
-                writer = stack.enter_context(kind(place, part.schema))
-            writer.write_table(part)
+def write_selected(table: Path, mask: Bools, file: IO[bytes], form: str) -> None:
+    """Write the selected runs of a table as `csv` or `parquet`, some rows at a time to save memory."""
+    writer, start = None, 0
+    for batch in pq.ParquetFile(table).iter_batches(_ROWS_A_BATCH):
+        plain = [pc.cast(each, pa.string()) if pa.types.is_dictionary(each.type) else each for each in batch.columns]
+        part = pa.table(plain, names=batch.schema.names).filter(pa.array(mask[start : start + len(batch)]))
+        start += len(batch)
+        writer = writer or (pyarrow.csv.CSVWriter if form == "csv" else pq.ParquetWriter)(file, part.schema)
+        writer.write_table(part)
+    if writer is not None:
+        writer.close()

@@ -15,7 +15,7 @@ from starlette.routing import BaseRoute, Route
 from vastflow.deployments.explorer.facets import Chosen, rate_json
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import arrays_reply, json_reply, name_of, unless_known
+from vastflow.deployments.explorer.replies import arrays_reply, json_reply, name_of
 from vastflow.deployments.explorer.selection import RunTable
 from vastflow.deployments.explorer.trajectories import floor_of, layer, read_paths, stored_file
 from vastflow.oracles.figures.scene import distinct_obstacles
@@ -60,12 +60,8 @@ def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
         def answer(request: Request) -> Response:
             campaign = opened.of(name_of(request, "c"))
             k = index_of(campaign.table, name_of(request, "name"))
-
-            def read() -> Response:
-                with reading(f"{campaign.directory.path}: {campaign.table.configurations[k]}"):
-                    return made(request, campaign, k)
-
-            return unless_known(request, campaign.stamp, read)
+            with reading(f"{campaign.directory.path}: {campaign.table.configurations[k]}"):
+                return made(request, campaign, k)
 
         return answer
 
@@ -92,11 +88,11 @@ def runs_and_neighbor(request: Request, campaign: Campaign, k: int) -> Response:
 def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
     """Return the runs with their events, the values of the configuration, and its nearest neighbor of the other verdict."""
     table = campaign.table
-    first, last = np.searchsorted(table.configuration, (k, k + 1)).tolist()
+    own = table.rows_of(k)
     rows = {int(row["run_index"]): row for row in _recorded_rows(campaign, k)}
     names = [n for n in ("outcome", "reason", "cause", "simulated_s", "distance_m") if n in table.columns]
     runs, events = [], []
-    for at in range(first, last):
+    for at in own:
         run = int(table.run_index[at])
         values = {name: value_of(table, name, at) for name in names}
         runs.append({"run": run, "verdict": JUDGEMENTS[int(table.verdict[at])], "recorded": run in rows, **values})
@@ -109,15 +105,15 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
         "failed": failed,
         "not_judged": not_judged,
         **rate_json(Counts(passed, failed, not_judged)),
-        "family": value_of(table, "family", first),
+        "family": value_of(table, "family", own.start),
         "values": [
-            {"name": n, "value": value_of(table, n, first)} for n, c in table.columns.items() if c.group in _GIVEN
+            {"name": n, "value": value_of(table, n, own.start)} for n, c in table.columns.items() if c.group in _GIVEN
         ],
         "runs": runs,
         "events": events,
         "neighbor": neighbor(table, counts, k),
         "signals": _signal_names(campaign, k) if rows else [],
-        "environment": str(campaign.trajectories.environments[k]) or None,
+        "environment": str(campaign.environments[k]) or None,
         "around": surroundings(campaign.directory.path, table.configurations[k], list(rows.values())),
     }
 
@@ -158,26 +154,22 @@ def neighbor(table: RunTable, counts: NDArray[np.int64], k: int) -> Mapping[str,
     judged = counts[:, PASS] + counts[:, FAIL]
     rates = np.where(judged > 0, counts[:, PASS] / np.maximum(judged, 1), np.nan)
     wants_pass = bool(rates[k] < 1.0)
-    others = np.where((judged > 0) & (np.arange(len(rates)) != k), rates if wants_pass else -rates, -np.inf)
-    own = rates[k] if wants_pass else -rates[k]
-    if np.isnan(own) or not len(others) or others.max() <= own:
+    others = rates if wants_pass else -rates
+    if np.isnan(others[k]) or np.nanmax(others) == others[k]:
         return None
-    candidates = np.flatnonzero(others == others.max())
+    candidates = np.flatnonzero(others == np.nanmax(others))
     first = np.searchsorted(table.configuration, np.arange(len(rates)))
     given = [column for column in table.columns.values() if column.group in _GIVEN or column.name == "family"]
     distance = np.zeros(len(candidates))
     for column in given:
-        if column.group == "path":
-            continue
-        values, missing = column.values[first], column.missing[first]
-        gaps = np.where(missing[candidates] != missing[k], 1.0, 0.0)
-        both = ~missing[candidates] & ~missing[k]
-        if column.levels is None:
-            widest = np.ptp(values[~missing]) if (~missing).any() else 0.0
-            gaps[both] = np.abs(values[candidates][both] - values[k]) / (widest or 1.0)
-        else:
-            gaps[both] = values[candidates][both] != values[k]
-        distance += gaps
+        values = column.values[first]
+        if column.levels is not None:
+            distance += values[candidates] != values[k]
+        elif column.group != "path":
+            known = values[np.isfinite(values)]
+            gaps = np.abs(values[candidates] - values[k]) / ((np.ptp(known) if len(known) else 0.0) or 1.0)
+            lacks = np.isnan(values[candidates]) != np.isnan(values[k])
+            distance += np.where(lacks, 1.0, np.nan_to_num(gaps))
     nearest = int(candidates[distance.argmin()])
     pairs = [
         (c.name, value_of(table, c.name, int(first[k])), value_of(table, c.name, int(first[nearest]))) for c in given
@@ -195,7 +187,7 @@ def neighbor(table: RunTable, counts: NDArray[np.int64], k: int) -> Mapping[str,
 
 def paths(request: Request, campaign: Campaign, k: int) -> Response:
     """Return the configuration's paths, as `vastflow.deployments.explorer.campaign_page.paths` does."""
-    environment = str(campaign.trajectories.environments[k])
+    environment = str(campaign.environments[k])
     if not environment:
         return arrays_reply({"form": "nothing", "floor": None, "problem": "This scenario has no map."}, {})
     floor = floor_of(campaign.directory.path, environment)
@@ -216,8 +208,7 @@ def signals(request: Request, campaign: Campaign, k: int) -> Response:
     if over not in (TIME, DISTANCE):
         raise HTTPException(400, f"over: expected {TIME} or {DISTANCE}, got {over!r}")
     table = campaign.table
-    first, last = np.searchsorted(table.configuration, (k, k + 1)).tolist()
-    at = {int(run): first + place for place, run in enumerate(table.run_index[first:last])}
+    at = {int(table.run_index[row]): row for row in table.rows_of(k)}
     x, y, runs, verdicts, starts = [], [], [], [], [0]
     for run, columns in _signals(campaign, k):
         if run not in at or name not in columns:

@@ -66,7 +66,6 @@ class Directories:
     def __init__(self, roots: Sequence[Path]) -> None:
         self.roots = tuple(root.resolve() for root in roots)
         self._hidden: tuple[Path, ...] = ()
-        self._paths: dict[str, Path] = {}
 
     def hide(self, root: Path) -> None:
         """Find, but don't list, campaign directories below a folder from now on."""
@@ -83,12 +82,11 @@ class Directories:
         Raises:
             NoSuchCampaign: there is none, or it was removed.
         """
-        if id not in self._paths or not self._paths[id].is_dir():
-            roots = (*self.roots, *self._hidden)
-            self._paths = {_id(final_of(path)): path for root in roots for path in _below(root, DEEPEST)}
-        if id not in self._paths:
-            raise NoSuchCampaign("No campaign directory has this id; it may have been moved or removed.")
-        return directory_at(self._paths[id])
+        for root in (*self.roots, *self._hidden):
+            for path in _below(root, DEEPEST):
+                if _id(final_of(path)) == id:
+                    return directory_at(path)
+        raise NoSuchCampaign("No campaign directory has this id; it may have been moved or removed.")
 
 
 def directory_at(path: Path) -> CampaignDirectory:

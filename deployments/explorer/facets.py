@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 import scipy.special  # noqa: F401 - which intervals import when they are first asked for, while somebody waits
 from numpy.typing import NDArray
 
@@ -121,9 +123,10 @@ class Facets:
         shown = []
         for name, facet in self.facets.items():
             if facet.kind in ("values", "numbers"):
-                runs, condition = whole, chosen.of(name)
+                runs, condition = whole, chosen.get(name)
                 if condition is not None:
-                    runs = Chosen(self.table, mask_of(self.table, chosen.without(name)))
+                    others = {column: each for column, each in chosen.items() if column != name}
+                    runs = Chosen(self.table, mask_of(self.table, others))
                 shown.append(_values(facet, runs, condition) if facet.kind == "values" else _numbers(facet, runs))
         constant = [(name, facet) for name, facet in self.facets.items() if facet.kind == "constant"]
         return {
@@ -198,55 +201,48 @@ def rows_json(
     Raises:
         BadFilter: a column that there is not.
     """
-    counts = Chosen(table, mask).counts
-    here = np.flatnonzero(counts.sum(axis=1))
-    counts = counts[here]
-    judged = counts[:, PASS] + counts[:, FAIL]
-    rates = np.where(judged > 0, counts[:, PASS] / np.maximum(judged, 1), np.nan)
-    given = {"rate": rates, "runs": counts.sum(axis=1), "failed": counts[:, FAIL], "not_judged": counts[:, NOT_JUDGED]}
-    runs = np.flatnonzero(mask)
-    names = list(dict.fromkeys([*shown, *([sort] if sort not in given and sort != "configuration" else [])]))
-    found = {name: _of_configurations(table, table.column(name), runs, here) for name in names}
-    keys = given.get(sort, here if sort == "configuration" else found[sort][0] if sort in found else here)
-    keys = keys.astype(np.float64)
-    order = np.lexsort((here, np.where(np.isnan(keys), 0.0, -keys if descending else keys), np.isnan(keys)))
-    page = order[start : start + count]
+    chosen = Chosen(table, mask)
+    here = np.flatnonzero(chosen.counts.any(axis=1))
+    counts = chosen.counts[here]
+    with np.errstate(invalid="ignore"):
+        rates = pa.array(counts[:, PASS] / (counts[:, PASS] + counts[:, FAIL]), from_pandas=True)
+    own = {"rate": rates, "runs": counts.sum(axis=1), "failed": counts[:, FAIL], "not_judged": counts[:, NOT_JUDGED]}
+    own["configuration"] = here
+    names = list(dict.fromkeys([*shown, *([] if sort in own else [sort])]))
+    found = {name: _of_configurations(table.column(name), chosen, here) for name in names}
+    keys = pa.table({"key": {**found, **own}[sort], "place": here})
+    by = [("key", "descending" if descending else "ascending"), ("place", "ascending")]
+    page = pc.sort_indices(keys, by)[start : start + count]
+    values = pa.table(found).take(page).to_pylist() if found else [{}] * len(page)
     rows = [
         {
             "configuration": table.configurations[here[k]],
             **_counts_json(counts[k]),
-            "values": [_value(*found[name], k) for name in names],
+            "values": [*map(_rounded, each.values())],
         }
-        for k in page.tolist()
+        for k, each in zip(page.to_pylist(), values, strict=True)
     ]
-    columns = [{"name": name, "unit": table.columns[name].unit, "text": found[name][1] is not None} for name in names]
+    columns = [{"name": n, "unit": table.columns[n].unit, "text": table.columns[n].levels is not None} for n in names]
     return {"columns": columns, "rows": rows, "total": len(here), "start": start}
 
 
-def _of_configurations(
-    table: RunTable, column: Column, runs: NDArray[np.int64], here: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], tuple[str, ...] | None]:
-    """Return the mean, or the index of the first text, of each configuration (m,), NaN without one; and the texts."""
-    of, n = table.configuration[runs], len(table.configurations)
-    values = column.values[runs]
-    if column.levels is None:
-        known = np.isfinite(values)
-        sums = np.bincount(of[known], weights=values[known], minlength=n)
-        times = np.bincount(of[known], minlength=n)
-        return np.where(times > 0, sums / np.maximum(times, 1), np.nan)[here], None
-    # By the order of the texts, as a table is read.
-    order = np.argsort(np.argsort(np.array(column.levels, dtype=np.str_))) if column.levels else np.zeros(1)
-    first = np.full(n, -1, dtype=np.int64)
-    first[of[::-1]] = values[::-1]
-    ranks = np.where(first >= 0, order[first], np.nan)
-    return ranks[here], tuple(sorted(column.levels))
+def _of_configurations(column: Column, chosen: "Chosen", here: NDArray[np.int64]) -> pa.Array:
+    """Return the mean, or the first text, of the selected runs of each configuration (m,), null without one."""
+    values = column.values[chosen.runs]
+    if column.levels is not None:
+        first = values[np.searchsorted(chosen.configuration, here)]
+        return pa.array([*column.levels, None], pa.string()).take(
+            pa.array(np.where(first < 0, len(column.levels), first))
+        )
+    known = np.isfinite(values)
+    of, n = chosen.configuration[known], len(chosen.counts)
+    with np.errstate(invalid="ignore"):
+        means = np.bincount(of, values[known], n)[here] / np.bincount(of, minlength=n)[here]
+    return pa.array(means, from_pandas=True)
 
 
-def _value(values: NDArray[np.float64], texts: tuple[str, ...] | None, at: int) -> float | str | None:
-    value = float(values[at])
-    if np.isnan(value):
-        return None
-    return float(f"{value:.{_DIGITS}g}") if texts is None else texts[int(value)]
+def _rounded(value: float | str | None) -> float | str | None:
+    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
 
 
 def points(
@@ -328,7 +324,7 @@ def _most_frequent(table: RunTable, name: str, runs: NDArray[np.int64]) -> dict[
 
 def axes_of(facets: Facets, chosen: Filter) -> list[str]:
     """Return the columns of parallel coordinates: those of the filter's ranges first, then factors and metrics."""
-    asked = [each.column for each in chosen.conditions if isinstance(each, Between)]
+    asked = [each.column for each in chosen.values() if isinstance(each, Between)]
     return list(dict.fromkeys([*asked, *(name for group in _AXES for name in facets.varying(group))]))
 
 

@@ -2,7 +2,7 @@
 
 import gzip
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,9 +91,9 @@ class Watched:
         self.ticks = ticks
         self.every = max(EVERY_TICKS, -(-round(expected_s / TICK_S) // MOST_MOMENTS))
         self._moments: list[Moment] = []
-        self._plans, self._scans = Points(), Points()
-        self._horizons, self._particles = Points(), Points()
-        self._global, self._local = Costs(), Costs()
+        self._points = {name: Parts(np.empty((0, 2))) for name in ("plan", "scan", "horizon", "particles")}
+        self._costs = {name: Parts(np.empty(0, dtype=np.uint8)) for name in ("global", "local")}
+        self._places: dict[str, list[tuple[float, ...]]] = {name: [] for name in self._costs}
 
     def __call__(self, stack: Stack, tick: int) -> None:
         """Look at the stack after a tick."""
@@ -102,31 +102,36 @@ class Watched:
         if tick % self.every:
             return
         snapshot = snapshot_of(stack, moment, _around(moment.true), overview=False)
-        self._plans.add(snapshot.plan_xy_m)
-        self._scans.add(snapshot.scan_xy_m)
-        self._horizons.add(snapshot.intended_xy_m)
-        self._particles.add(snapshot.particles[:, :2])
-        self._global.add(snapshot.global_costs)
-        self._local.add(snapshot.local_costs)
+        points = snapshot.plan_xy_m, snapshot.scan_xy_m, snapshot.intended_xy_m, snapshot.particles[:, :2]
+        for parts, xy_m in zip(self._points.values(), points, strict=True):
+            parts.add(xy_m)
+        for name, patch in (("global", snapshot.global_costs), ("local", snapshot.local_costs)):
+            if patch is None:
+                patch = Patch(np.empty((0, 0), dtype=np.uint8), Pose(0.0, 0.0), 0.0)
+            self._costs[name].add(patch.costs.ravel(), *patch.costs.shape)
+            corner = patch.corner
+            self._places[name].append((corner.x_m, corner.y_m, corner.yaw_rad, patch.resolution_m))
 
     def layers(self, sentence: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """Return header and arrays of a reply."""
+        """Return header and arrays of a reply.
+
+        A span is the first point of a moment, and their end; or the first cell, and the rows and columns. A place is the pose of the
+        lower left corner of cells, and their size. Points are whole numbers of a unit: x, y of its origin, and its size.
+        """
         every_s = self.every * TICK_S
-        points = {"plan": self._plans, "scan": self._scans, "horizon": self._horizons, "particles": self._particles}
-        costs = {"global": self._global, "local": self._local}
-        placed = {name: each.packed() for name, each in points.items()}
+        units, arrays = {}, {f"{name} spans": each.spans for name, each in {**self._points, **self._costs}.items()}
+        for name, each in self._points.items():
+            units[name], arrays[f"{name} points"] = in_units(each.whole)
+        for name, each in self._costs.items():
+            arrays[f"{name} cells"] = each.whole
+            arrays[f"{name} places"] = np.array(self._places[name], dtype=np.float32)
         header = {
             "sentence": sentence,
             "note": f"The layers have a moment every {every_s:g} s, and the global costmap {2 * REACH_M:g} m round the robot.",
             "every_s": every_s,
             "activities": [(a * TICK_S, (z + 1) * TICK_S, kind) for a, z, kind in bands(self._moments)],
-            "units": {name: unit for name, (unit, _, _) in placed.items()},
+            "units": units,
         }
-        arrays: dict[str, NDArray[Any]] = {}
-        for name, (_, xy, spans) in placed.items():
-            arrays |= {f"{name} points": xy, f"{name} spans": spans}
-        for name, each in costs.items():
-            arrays |= {f"{name} cells": each.cells, f"{name} spans": each.spans, f"{name} places": each.places}
         return header, arrays
 
 
@@ -135,73 +140,36 @@ def _around(pose: Pose) -> Box:
     return Box(x - REACH_M, y - REACH_M, x + REACH_M, y + REACH_M)
 
 
-class Unit(NamedTuple):
-    """Points are at `x_m + size_m * i`, likewise for y, for whole numbers i."""
+class Parts:
+    """Parts of an array over moments; one that is the end of the one before is not stored again."""
 
-    x_m: float
-    y_m: float
-    size_m: float
-
-
-class Points:
-    """Sets of points over moments; one that is the end of the set before is not stored again."""
-
-    def __init__(self) -> None:
-        self._parts: list[NDArray[np.float64]] = []
-        self._spans: list[tuple[int, int]] = []
+    def __init__(self, empty: NDArray[Any]) -> None:
+        self._parts = [empty]
+        self._spans: list[tuple[int, ...]] = []
         self._n = 0
 
-    def add(self, xy_m: NDArray[np.float64]) -> None:
-        """Add the set (N, 2) of the next moment."""
-        last, n = self._parts[-1] if self._parts else xy_m[:0], len(xy_m)
-        if n == 0 or n > len(last) or not np.array_equal(last[len(last) - n :], xy_m):
-            self._parts.append(xy_m)
+    def add(self, part: NDArray[Any], *shape: int) -> None:
+        """Add the part of the next moment; its span is its first row, and its shape or its end."""
+        last, n = self._parts[-1], len(part)
+        if n == 0 or n > len(last) or not np.array_equal(last[len(last) - n :], part):
+            self._parts.append(part)
             self._n += n
-        self._spans.append((self._n - n, self._n))
-
-    def packed(self) -> tuple[Unit, NDArray[np.int16], NDArray[np.uint32]]:
-        """Return all points (N, 2) in units, and the spans (M, 2) of moments.
-
-        A unit is a millimeter, or more where points are farther apart. A span is the first of a moment's points, and their end.
-        """
-        xy_m = np.concatenate([np.empty((0, 2)), *self._parts])
-        low, high = (xy_m.min(axis=0), xy_m.max(axis=0)) if len(xy_m) else (np.zeros(2), np.zeros(2))
-        middle, size_m = (low + high) / 2, max(0.001, float((high - low).max()) / 2 / LARGEST)
-        units = np.rint((xy_m - middle) / size_m).astype(np.int16)
-        x_m, y_m = middle.tolist()
-        return Unit(x_m, y_m, size_m), units, np.array(self._spans, dtype=np.uint32).reshape(-1, 2)
-
-
-class Costs:
-    """Parts of a costmap over moments; one that equals the one before is not stored again."""
-
-    def __init__(self) -> None:
-        self._parts: list[NDArray[np.uint8]] = []
-        self._spans: list[tuple[int, int, int]] = []
-        self._places: list[tuple[float, float, float, float]] = []
-        self._n = 0
-
-    def add(self, patch: Patch | None) -> None:
-        """Add the part of the next moment; None is an empty one."""
-        costs = np.empty((0, 0), dtype=np.uint8) if patch is None else patch.costs
-        corner, resolution_m = (Pose(0.0, 0.0), 0.0) if patch is None else (patch.corner, patch.resolution_m)
-        if not (self._parts and np.array_equal(self._parts[-1], costs)):
-            self._parts.append(costs)
-            self._n += costs.size
-        self._spans.append((self._n - costs.size, *costs.shape))
-        self._places.append((corner.x_m, corner.y_m, corner.yaw_rad, resolution_m))
+        self._spans.append((self._n - n, *(shape or (self._n,))))
 
     @property
-    def cells(self) -> NDArray[np.uint8]:
-        """All costs (N,), row by row."""
-        return np.concatenate([np.empty(0, dtype=np.uint8), *(part.ravel() for part in self._parts)])
+    def whole(self) -> NDArray[Any]:
+        """All parts one after another."""
+        return np.concatenate(self._parts)
 
     @property
-    def spans(self) -> NDArray[np.uint32]:
-        """First cell, rows, and columns (M, 3) of each moment's part."""
-        return np.array(self._spans, dtype=np.uint32).reshape(-1, 3)
+    def spans(self) -> NDArray[Any]:
+        """The span of each moment's part (M, …)."""
+        return np.array(self._spans, dtype=np.uint32)
 
-    @property
-    def places(self) -> NDArray[np.float32]:
-        """Pose x, y, yaw of the lower left corner, and resolution (M, 4)."""
-        return np.array(self._places, dtype=np.float32).reshape(-1, 4)
+
+def in_units(xy_m: NDArray[np.float64]) -> tuple[tuple[float, float, float], NDArray[np.int16]]:
+    """Return the unit of points, a millimeter or more if they are far apart, and its multiples (N, 2)."""
+    low, high = (xy_m.min(axis=0), xy_m.max(axis=0)) if len(xy_m) else (np.zeros(2), np.zeros(2))
+    middle, size_m = (low + high) / 2, max(0.001, float((high - low).max()) / 2 / LARGEST)
+    x_m, y_m = middle.tolist()
+    return (x_m, y_m, size_m), np.rint((xy_m - middle) / size_m).astype(np.int16)

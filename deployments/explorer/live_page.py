@@ -9,8 +9,9 @@ import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import suppress
 from datetime import datetime
+from functools import lru_cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any, Final
 
 from pydantic import ValidationError
@@ -27,13 +28,12 @@ from vastflow.flows.request.run_request import RunRequest
 from vastflow.oracles.results.events import LAST, Event, EventReader, gone_event
 from vastflow.oracles.results.unfinished import ask_to_stop, place_of
 from vastflow.oracles.results.unusable import UnusableDirectory
-from vastflow.sim.model.digest import digest
 
 EVERY_S: Final = 0.5
 HEARTBEAT_S: Final = 15.0
 PATIENCE_S: Final = 120
 _WHOLE: Final = "[!.]*"
-_SHARED: Final = ("store", "map_dir", "as_v1")
+_SHARED: Final = ("runs", "store", "map_dir", "as_v1")
 """Options that decide which runs a configuration has, and where they are."""
 
 
@@ -65,9 +65,10 @@ class Previews:
     """Directories of single configurations, written from the store when they are asked for, and removed with this object."""
 
     def __init__(self, directories: Directories) -> None:
-        self._directories = directories
-        self._folder: TemporaryDirectory[str] | None = None
+        self._folder = TemporaryDirectory(prefix="vastflow-")
         self._lock = threading.Lock()
+        self._fetched = lru_cache(None)(_fetch)
+        directories.hide(Path(self._folder.name))
 
     def of(self, campaign: CampaignDirectory, configuration: str, run_index: int) -> CampaignDirectory:
         """Return a finished directory with the runs of a configuration up to `run_index`; some seconds the first time.
@@ -76,33 +77,30 @@ class Previews:
             UnusableDirectory: the events don't tell how the campaign was begun, or a run is not judged yet.
         """
         with self._lock:
-            if self._folder is None:
-                self._folder = TemporaryDirectory(prefix="vastflow-")
-                self._directories.hide(Path(self._folder.name))
-            place = Path(self._folder.name).resolve() / digest(campaign.id, configuration, run_index)[:16]
-            if not any(place.glob(_WHOLE)):
-                _fetch(campaign, configuration, run_index, place)
-            return directory_at(next(place.glob(_WHOLE)))
+            return self._fetched(Path(self._folder.name).resolve(), campaign, configuration, run_index)
 
 
-def _fetch(campaign: CampaignDirectory, configuration: str, run_index: int, place: Path) -> None:
+def _fetch(folder: Path, campaign: CampaignDirectory, configuration: str, run_index: int) -> CampaignDirectory:
     """Write a preview in a process of its own, as a campaign's plug-ins don't belong into the server."""
+    place = Path(mkdtemp(dir=folder))
     events = EventReader(campaign.path).new()
     try:
         values = events[0].values
         asked = RunRequest.model_validate(values["request"]).model_dump(include={*_SHARED})
-        own = {"campaign": values["file"], "only": (configuration,), "runs": run_index + 1, "results": str(place)}
-        request, folder = RunRequest.model_validate({**asked, **own}), str(values["folder"])
+        request = RunRequest.model_validate({**asked, "campaign": values["file"], "results": str(place)})
+        begun_in = str(values["folder"])
     except (LookupError, ValidationError):
         raise UnusableDirectory(f"{campaign.name}: its events don't tell how it was begun.") from None
     command = [sys.executable, "-m", "vastflow.flows.run.stored", request.model_dump_json()]
+    command += [configuration, str(run_index + 1)]
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        done = subprocess.run(command, cwd=begun_in, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
         wrong = (done.stderr.strip().splitlines() or ["no reason given"])[-1] if done.returncode else ""
     except (OSError, subprocess.TimeoutExpired) as error:
         wrong = str(error)
     if wrong:
         raise UnusableDirectory(f"{configuration}, run {run_index}, can't be had from the store: {wrong}")
+    return directory_at(next(place.glob(_WHOLE)))
 
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:

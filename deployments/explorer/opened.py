@@ -1,27 +1,24 @@
-"""Opened campaigns: their tables in memory, a few at a time, read anew when a file changes."""
+"""Opened campaigns: their tables in memory, a few at a time."""
 
 import threading
 from dataclasses import dataclass, field
-from functools import cached_property
-from pathlib import Path
-from typing import Any, Final, TypeAlias
+from functools import cached_property, lru_cache
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.facets import Facets
 from vastflow.deployments.explorer.selection import WIDE_FILE, RunTable, read_run_table
-from vastflow.deployments.explorer.trajectories import Trajectories
+from vastflow.deployments.explorer.trajectories import Reading
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 
-Stamp: TypeAlias = tuple[tuple[int, int, int], ...]
-
 _KEPT: Final = 2
 _CONFIGURATIONS: Final = "configurations.parquet"
-_FILES: Final = ("metadata.json", _CONFIGURATIONS, "runs.parquet", "verdicts.parquet", WIDE_FILE)
 _MAP_COLUMN: Final = "map_file"
 
 
@@ -30,20 +27,31 @@ class Campaign:
     """A campaign directory's runs, ready for requests.
 
     Attributes:
-        trajectories: With the environment of each of the table's configurations.
+        environments: (configurations,) digest of each configuration's map, empty without one.
     """
 
     directory: CampaignDirectory
-    stamp: Stamp
     table: RunTable = field(repr=False)
     facets: Facets = field(repr=False)
-    trajectories: Trajectories = field(repr=False)
+    environments: NDArray[np.str_] = field(repr=False)
+    _readings: dict[str, Reading] = field(default_factory=dict, init=False, repr=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False, repr=False)
+
+    def reading(self, environment: str, wait_s: float) -> Reading:
+        """Return the paths of an environment, whose reading begins with the first call; wait at most `wait_s` for all."""
+        with self._lock:
+            if (found := self._readings.get(environment)) is None:
+                of = np.flatnonzero(self.environments == environment)
+                found = self._readings[environment] = Reading(self.directory.path, self.table, environment, of)
+                found.start()
+        found.join(wait_s)
+        return found
 
     @cached_property
     def maps(self) -> list[dict[str, Any]]:
         """Environments with the name of their map and the numbers of their runs, most failures first."""
         table, names = self.table, self.table.columns.get(_MAP_COLUMN)
-        of = self.trajectories.environments[table.configuration]
+        of = self.environments[table.configuration]
         found = []
         for environment in np.unique(of[of != ""]).tolist():
             runs = np.flatnonzero(of == environment)
@@ -59,36 +67,25 @@ class OpenedCampaigns:
     """The campaigns that were asked for last."""
 
     def __init__(self, directories: Directories) -> None:
-        self._directories = directories
-        self._opened: dict[str, Campaign] = {}
+        self.find = directories.find
+        self._opened = lru_cache(_KEPT)(_opened)
         self._lock = threading.Lock()
 
-    def find(self, id: str) -> CampaignDirectory:
-        """Return a campaign's directory; raises `NoSuchCampaign`."""
-        return self._directories.find(id)
-
     def of(self, id: str) -> Campaign:
-        """Return a campaign with its tables.
+        """Return a campaign with its tables, which are read anew when their file is another.
 
         Raises:
             NoSuchCampaign: there is none.
             UnusableDirectory: it has no runs yet, or a table is damaged.
         """
         directory = self.find(id)
-        with self._lock:
-            stamp = _stamp(directory.path)
-            known = self._opened.pop(id, None)
-            if known is None or (known.stamp, known.directory.path) != (stamp, directory.path):
-                if known is not None:
-                    known.trajectories.close()
-                known = _opened(directory, stamp)
-            self._opened[id] = known
-            if len(self._opened) > _KEPT:
-                self._opened.pop(next(iter(self._opened))).trajectories.close()
-            return known
+        file = directory.path / WIDE_FILE
+        with self._lock:  # two requests for one page read it once
+            return self._opened(directory, file.stat().st_mtime_ns if file.is_file() else None)
 
 
-def _opened(directory: CampaignDirectory, stamp: Stamp) -> Campaign:
+def _opened(directory: CampaignDirectory, written_ns: int | None) -> Campaign:
+    """Read a campaign; `written_ns`, the time of its table, tells the cache that it is another."""
     path = directory.path
     if not (path / _CONFIGURATIONS).is_file():
         words = "it is still running" if directory.state == "running" else "its tables were not written"
@@ -96,19 +93,7 @@ def _opened(directory: CampaignDirectory, stamp: Stamp) -> Campaign:
     with reading(path):
         table = read_run_table(path)
         rows = table_rows(path / _CONFIGURATIONS, "name", "environment")
-        environments = {row["name"]: row["environment"] for row in rows}
-        trajectories = Trajectories(path, table, [environments.get(name) for name in table.configurations])
+        environments = {row["name"]: row["environment"] or "" for row in rows}
         pa.default_memory_pool().release_unused()
-        return Campaign(directory, stamp, table, Facets(table), trajectories)
-
-
-def _stamp(path: Path) -> Stamp:
-    """Return size, time, and number of each table's file; zeros for one that is missing."""
-    found = []
-    for name in _FILES:
-        try:
-            status = (path / name).stat()
-            found.append((status.st_size, status.st_mtime_ns, status.st_ino))
-        except OSError:
-            found.append((0, 0, 0))
-    return tuple(found)
+        of_table = np.array([environments.get(name, "") for name in table.configurations], dtype=np.str_)
+        return Campaign(directory, table, Facets(table), of_table)

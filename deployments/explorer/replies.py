@@ -1,8 +1,7 @@
-"""Queries and replies of the explorer's views: JSON without NaN, packed arrays, and their ETags."""
+"""Queries and replies of the explorer's views: JSON without NaN, and packed arrays."""
 
-import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 from numpy.typing import NDArray
@@ -45,14 +44,3 @@ def json_reply(value: Any) -> Response:
 def arrays_reply(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Response:
     """Return arrays by name, see `vastflow.deployments.explorer.packed`."""
     return Response(packed(header, arrays), media_type=ARRAYS)
-
-
-def unless_known(request: Request, stamp: object, made: Callable[[], Response]) -> Response:
-    """Return the reply of files with a stamp to an address, or 304 to a browser that has it."""
-    text = f"{stamp}{request.url.path}?{request.url.query} {wants_html(request)}"
-    tag = f'"{hashlib.sha256(text.encode()).hexdigest()[:24]}"'
-    if request.headers.get("if-none-match") == tag:
-        return Response(status_code=304, headers={"ETag": tag})
-    reply = made()
-    reply.headers["ETag"] = tag
-    return reply

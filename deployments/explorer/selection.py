@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.varied import MEASURED, PATH_PROPERTIES
 from vastflow.oracles.results.schema import floats
-from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS, read_tables, run_keys
+from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS, run_keys
 from vastflow.sim.model.faults import UserError
 
 Group: TypeAlias = Literal["run", "verdict", "metric", "factor", "path"]
@@ -82,6 +82,10 @@ class RunTable:
     def __len__(self) -> int:
         return len(self.verdict)
 
+    def rows_of(self, configuration: int) -> range:
+        """Return the runs of a configuration."""
+        return range(*np.searchsorted(self.configuration, (configuration, configuration + 1)).tolist())
+
     def column(self, name: str) -> Column:
         """Return a column by its name.
 
@@ -95,17 +99,10 @@ class RunTable:
 
 @dataclass(frozen=True, slots=True)
 class ValuesOf:
-    """Runs that have one of some values; None is a missing value, and numbers are in their shortest form."""
+    """Runs that have one of some values in order; None is missing, and numbers have their shortest form."""
 
     column: str
     values: tuple[str | None, ...]
-
-    def __post_init__(self) -> None:
-        """Put the values in order."""
-        ordered = sorted(dict.fromkeys(self.values), key=lambda value: (value is None, value or ""))
-        object.__setattr__(self, "values", tuple(ordered))
-        if not ordered:
-            raise BadFilter(f"{self.column}: expected a value, got none")
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,16 +112,6 @@ class Between:
     column: str
     low: float | None
     high: float | None
-
-    def __post_init__(self) -> None:
-        """Check the ends, and turn -0 into 0."""
-        if self.low is None and self.high is None:
-            raise BadFilter(f"{self.column}: expected a range with an end, got none")
-        for name in ("low", "high"):
-            end = getattr(self, name)
-            if end is not None and not math.isfinite(end):
-                raise BadFilter(f"{self.column}: expected a finite number, got {end}")
-            object.__setattr__(self, name, None if end is None else float(end) + 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,42 +123,26 @@ class Containing:
 
 
 Condition: TypeAlias = ValuesOf | Between | Containing
-
-
-@dataclass(frozen=True, slots=True)
-class Filter:
-    """Conditions that a run has to meet, at most one a column, in the order of their columns."""
-
-    conditions: tuple[Condition, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Sort the conditions by column."""
-        names = [each.column for each in self.conditions]
-        if len({*names}) < len(names):
-            raise BadFilter("expected one condition for each column, got two")
-        object.__setattr__(self, "conditions", tuple(sorted(self.conditions, key=lambda each: each.column)))
-
-    def without(self, column: str) -> "Filter":
-        """Return the filter without the condition of a column."""
-        return Filter(tuple(each for each in self.conditions if each.column != column))
-
-    def of(self, column: str) -> Condition | None:
-        """Return the condition of a column."""
-        return next((each for each in self.conditions if each.column == column), None)
+Filter: TypeAlias = Mapping[str, Condition]
+"""Conditions that a run has to meet, by their columns, which are in order."""
 
 
 def format_filter(chosen: Filter) -> str:
     """Return the canonical text: `noise=0.1|0.4;passed=fail;safety.margin (m):..0.2;configuration*office`."""
-    return ";".join(map(_condition_text, chosen.conditions))
+    return ";".join(map(_condition_text, chosen.values()))
 
 
 def parse_filter(text: str) -> Filter:
-    """Read the text of a filter, its conditions in any order.
+    """Read the text of a filter, its conditions and their values in any order.
 
     Raises:
         BadFilter: a condition that is none.
     """
-    return Filter(tuple(_condition(part) for part in text.split(";") if part))
+    conditions = sorted((_condition(part) for part in text.split(";") if part), key=lambda each: each.column)
+    chosen = {each.column: each for each in conditions}
+    if len(chosen) < len(conditions):
+        raise BadFilter("expected one condition for each column, got two")
+    return chosen
 
 
 def number_text(value: float) -> str:
@@ -197,12 +168,16 @@ def _condition(text: str) -> Condition:
     if sign == "*":
         return Containing(column, unquote(rest))
     if sign == "=":
-        return ValuesOf(column, tuple(None if value == _MISSING else unquote(value) for value in rest.split("|")))
+        values = {None if value == _MISSING else unquote(value) for value in rest.split("|")}
+        return ValuesOf(column, tuple(sorted(values, key=lambda value: (value is None, value or ""))))
     ends = rest.split("..")
     try:
-        low, high = (float(end) if end else None for end in ends)
+        low, high = (float(end) + 0.0 if end else None for end in ends)  # without a negative zero
     except ValueError:
         raise BadFilter(f"{column}: expected low..high, got {rest!r}") from None
+    given = [end for end in (low, high) if end is not None]
+    if not given or not all(map(math.isfinite, given)):
+        raise BadFilter(f"{column}: expected a range with a finite end, got {rest!r}")
     return Between(column, low, high)
 
 
@@ -212,7 +187,7 @@ def mask_of(table: RunTable, chosen: Filter) -> Bools:
     Raises:
         BadFilter: a column that there is not, or a condition that does not suit its column.
     """
-    masks = [_meeting(table, condition) for condition in chosen.conditions]
+    masks = [_meeting(table, condition) for condition in chosen.values()]
     return np.asarray(np.logical_and.reduce([np.ones(len(table), dtype=np.bool_), *masks]))
 
 
@@ -245,27 +220,17 @@ def _of_levels(column: Column, chosen: Sequence[bool], *, missing: bool) -> Bool
 
 
 def read_run_table(directory: Path) -> RunTable:
-    """Read the runs of a campaign directory; where `runs_wide.parquet` is missing they are joined from the other tables.
+    """Read the runs of a campaign directory.
 
     Raises:
-        OSError, ValueError: a table that is missing or damaged.
+        OSError, ValueError: their table is missing or damaged.
     """
-    file = directory / WIDE_FILE
-    if file.is_file():
-        # One column after another, as all of them at once take twice the memory.
-        return run_table_of(*_columns_of(file))
-    from vastflow.oracles.evidence.wide import wide_table
-
-    joined = pa.Table.from_pandas(wide_table(read_tables(directory)), preserve_index=False)
-    return run_table_of(joined.column_names, joined.column)
-
-
-def _columns_of(file: Path) -> tuple[Sequence[str], Callable[[str], Any]]:
     try:
-        opened = pq.ParquetFile(file)
-    except (pa.ArrowException, OSError) as error:
-        raise ValueError(f"{file.name}: can't be read: {' '.join(str(error).split())}") from None
-    return opened.schema_arrow.names, lambda name: opened.read(columns=[name]).unify_dictionaries()[name]
+        file = pq.ParquetFile(directory / WIDE_FILE)
+    except pa.ArrowException as error:
+        raise ValueError(f"{WIDE_FILE}: can't be read: {' '.join(str(error).split())}") from None
+    # One column after another, as all of them at once take twice the memory.
+    return run_table_of(file.schema_arrow.names, lambda name: file.read(columns=[name]).unify_dictionaries()[name])
 
 
 def run_table_of(names: Sequence[str], column: Callable[[str], Any]) -> RunTable:
@@ -313,30 +278,17 @@ def _group(name: str, oracles: Sequence[str]) -> Group:
 
 def is_by_result(table: RunTable, chosen: Filter) -> bool:
     """True if runs were chosen by what came out, so that their success rate tells nothing of others."""
-    named = (table.column(each.column) for each in chosen.conditions)
+    named = (table.column(each.column) for each in chosen.values())
     return any(each.group in ("run", "verdict", "metric") and each.name not in _ASKED for each in named)
 
 
 def python_of(table: RunTable, chosen: Filter, directory: Path) -> str:
-    """Return a pandas program that selects the same runs from the campaign directory's table.
-
-    Where the directory has no `runs_wide.parquet`, the program needs vastflow to join one.
-    """
-    if (directory / WIDE_FILE).is_file():
-        lines = ["import pandas as pd", "", f"runs = pd.read_parquet({str(directory / WIDE_FILE)!r})"]
-    else:
-        lines = [
-            "from pathlib import Path",
-            "",
-            "from vastflow.oracles.evidence.wide import wide_table",
-            "from vastflow.oracles.results.tables import read_tables",
-            "",
-            f"runs = wide_table(read_tables(Path({str(directory)!r})))",
-        ]
-    parts = [_expression(table.column(each.column), each) for each in chosen.conditions]
-    joined = "\n    & ".join(f"({part})" for part in parts)
-    lines.append(f"selection = runs[\n    {joined}\n]" if parts else "selection = runs")
-    return "\n".join([*lines, ""])
+    """Return a pandas program that selects the same runs from the campaign directory's table."""
+    parts = [f"({_expression(table.column(each.column), each)})" for each in chosen.values()]
+    joined = "\n    & ".join(parts)
+    selection = f"runs[\n    {joined}\n]" if parts else "runs"
+    file = str(directory / WIDE_FILE)
+    return f"import pandas as pd\n\nruns = pd.read_parquet({file!r})\nselection = {selection}\n"
 
 
 def _expression(column: Column, condition: Condition) -> str:

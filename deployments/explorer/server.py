@@ -7,8 +7,9 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response
-from starlette.routing import Route
+from starlette.responses import Response
+from starlette.routing import Mount
+from starlette.staticfiles import StaticFiles
 
 from vastflow.deployments.explorer import campaign_page, campaigns_page, comparison_page, live_page, run_page
 from vastflow.deployments.explorer.directories import Directories, NoSuchCampaign
@@ -23,13 +24,6 @@ PAGES: Final = (campaigns_page, campaign_page, comparison_page, live_page, run_p
 def application(directories: Directories, token: str) -> Starlette:
     """Return the explorer of some campaign directories, to which `token` admits."""
     pages = Pages()
-    files = {file.name: file for file in STATIC.iterdir()}
-
-    async def static(request: Request) -> Response:
-        # Looked up, and joined to no folder.
-        if (file := files.get(request.path_params["name"])) is None:
-            raise HTTPException(404)
-        return FileResponse(file)
 
     async def missing(request: Request, error: Exception) -> Response:
         return pages.sentence(request, 404, str(error))
@@ -50,7 +44,7 @@ def application(directories: Directories, token: str) -> Starlette:
 
     routes = [each for page in PAGES for each in page.routes(directories, pages)]
     return Starlette(
-        routes=[*routes, Route("/static/{name}", static)],
+        routes=[*routes, Mount("/static", StaticFiles(directory=STATIC))],
         middleware=[Middleware(Guard, token=token, refuse=pages.sentence)],
         exception_handlers={
             NoSuchCampaign: missing,

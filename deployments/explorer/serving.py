@@ -66,12 +66,7 @@ def serve(roots: Sequence[Path], port: int, *, browser: bool) -> None:
 
 def listen(port: int) -> socket.socket:
     """Return a listening socket on this machine only; raises `UserError` if the port is taken."""
-    listening = socket.socket()
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listening.bind((LOOPBACK, port))
+        return socket.create_server((LOOPBACK, port))
     except OSError as error:
-        listening.close()
         raise UserError(f"--port: {port} can't be used ({error.strerror}); expected a free port, or 0") from None
-    listening.listen(128)
-    return listening

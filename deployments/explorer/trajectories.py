@@ -2,11 +2,11 @@
 
 import io
 import threading
+import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,7 @@ from vastflow.sim.model.recording import si
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
-Layer: TypeAlias = Literal["paths", "ends", "rate"]
-LAYERS: Final[tuple[Layer, ...]] = ("paths", "ends", "rate")
+LAYERS: Final = ("paths", "ends", "rate")
 
 STEP_M: Final = 0.25
 """Distance between the points of a path that are kept."""
@@ -87,14 +86,12 @@ def joined(parts: Sequence[Paths]) -> Paths:
     """Return the paths of several configurations as one."""
 
     def stacked(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(part, name) for part in parts])
+        each = [getattr(part, name) for part in parts]
+        if not name.endswith("starts"):
+            return np.concatenate(each)
+        return np.asarray(np.r_[0, np.cumsum(np.concatenate([np.diff(starts) for starts in each]))])
 
-    def offsets(name: str) -> NDArray[np.int64]:
-        return np.asarray(np.r_[0, np.cumsum(np.concatenate([np.diff(getattr(part, name)) for part in parts]))])
-
-    return Paths(
-        stacked("row"), offsets("starts"), stacked("xy_m"), offsets("cell_starts"), stacked("cells"), stacked("ended")
-    )
+    return Paths(*(stacked(each.name) for each in fields(Paths)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,91 +165,62 @@ def read_paths(directory: Path, table: RunTable, configuration: int, grid: Failu
     if file is None:
         return None
     index, columns = read_columns(file, ("x_mm", "y_mm"))
-    first, last = np.searchsorted(table.configuration, (configuration, configuration + 1))
-    own = table.run_index[first:last]
+    rows = table.rows_of(configuration)
+    own = table.run_index[rows.start : rows.stop]
     keep = np.isin(index, own)  # a run that was recorded and is not in the table is of no use here
     index = index[keep]
     if not len(index):
         return None
     starts = np.r_[0, np.flatnonzero(np.diff(index)) + 1, len(index)]
     xy_m = np.column_stack([si(columns[name][keep]) for name in ("x_mm", "y_mm")])
-    return paths_of(first + np.searchsorted(own, index[starts[:-1]]), starts, xy_m, grid)
+    return paths_of(rows.start + np.searchsorted(own, index[starts[:-1]]), starts, xy_m, grid)
 
 
-@dataclass
-class _Reading:
-    """One environment while it is read."""
+class Reading(threading.Thread):
+    """The paths of an environment, read in the background.
 
-    configurations: NDArray[np.int64]
-    floor: Floor | None = None
-    problem: str = ""
-    done: int = 0
-    damaged: int = 0
-    parts: list[Paths] = field(default_factory=list)
-
-
-class Trajectories:
-    """The paths of a campaign, read by a thread for each environment once it was asked for.
-
-    Args:
-        environments: (configurations,) digest of each configuration's map, None without one.
+    Attributes:
+        configurations: Those of the environment, shuffled, so that a part of them shows the whole.
+        paths: What was read so far.
+        problem: Why nothing can be read; empty where it can.
+        done, damaged: Numbers of configurations.
     """
 
-    def __init__(self, directory: Path, table: RunTable, environments: Sequence[str | None]) -> None:
-        self._directory, self._table = directory, table
-        self.environments = np.array([each or "" for each in environments], dtype=np.str_)
-        self._readings: dict[str, _Reading] = {}
-        self._changed = threading.Condition()
-        self._closed = False
+    def __init__(self, directory: Path, table: RunTable, environment: str, configurations: NDArray[np.int64]) -> None:
+        super().__init__(daemon=True)
+        self.configurations: list[int] = np.random.default_rng(0).permutation(configurations).tolist()
+        self.floor: Floor | None = None
+        self.paths: Paths | None = None
+        self.problem, self.done, self.damaged = "", 0, 0
+        self._directory, self._table, self._environment = directory, table, environment
 
-    def close(self) -> None:
-        """End the thread."""
-        self._closed = True
-
-    def read(self, environment: str, wait_s: float) -> _Reading:
-        """Return what was read of an environment, which begins with the first call; wait at most `wait_s` for all."""
-        with self._changed:
-            if environment not in self._readings:
-                of = np.flatnonzero(self.environments == environment)
-                self._readings[environment] = _Reading(of)
-                threading.Thread(target=self._run, args=(environment,), daemon=True).start()
-            reading = self._readings[environment]
-            self._changed.wait_for(lambda: reading.problem or reading.done == len(reading.configurations), wait_s)
-            if len(reading.parts) > 1:
-                reading.parts = [joined(reading.parts)]
-            return replace(reading, parts=[*reading.parts])
-
-    def _run(self, environment: str) -> None:
-        reading = self._readings[environment]
+    def run(self) -> None:
+        """Read the map, and then recording after recording."""
         try:
-            reading.floor = floor_of(self._directory, environment)
+            self.floor = floor_of(self._directory, self._environment)
         except (OSError, ValueError) as error:
-            with self._changed:
-                reading.problem = " ".join(str(error).split())
-                self._changed.notify_all()
+            self.problem = " ".join(str(error).split())
             return
-        # Evenly spread, so that a part of them shows the whole.
-        order = np.argsort(np.arange(len(reading.configurations)) * _GOLDEN % 1.0)
-        for k in reading.configurations[order].tolist():
-            if self._closed:
-                return
-            found, damaged = None, 1
-            with suppress(OSError, ValueError, LookupError, TypeError, ArithmeticError):
-                found, damaged = read_paths(self._directory, self._table, k, reading.floor.grid), 0
-            with self._changed:
-                reading.done += 1
-                reading.damaged += damaged
-                if found is not None:
-                    reading.parts.append(found)
-                if reading.done == len(reading.configurations):
-                    self._changed.notify_all()
+        parts: list[Paths] = []
+        shown_s = time.monotonic()
+        for done, k in enumerate(self.configurations, start=1):
+            try:
+                found = read_paths(self._directory, self._table, k, self.floor.grid)
+                parts += [] if found is None else [found]
+            except (OSError, ValueError, LookupError, TypeError, ArithmeticError):
+                self.damaged += 1
+            if parts and (time.monotonic() > shown_s + _SHOWN_S or done == len(self.configurations)):
+                self.paths = joined([*([self.paths] if self.paths else []), *parts])
+                parts, shown_s = [], time.monotonic()
+            self.done = done  # after its paths are there
 
 
-_GOLDEN: Final = 0.6180339887498949
+_SHOWN_S: Final = 0.2
+"""Time between two moments at which what was read is shown."""
 
 
 def layer(
-    paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: Layer
+    paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: str
 ) -> tuple[Mapping[str, Any], Mapping[str, NDArray[Any]]]:
     """Return a layer of the map: a description and arrays.
 
@@ -276,7 +244,7 @@ def layer(
     return told, {"xy": paths.xy_m[at], "starts": starts.astype(np.int32), **own}
 
 
-def _grid(paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: Layer) -> dict[str, NDArray[Any]]:
+def _grid(paths: Paths, table: RunTable, mask: Bools, grid: FailureGrid, shown: str) -> dict[str, NDArray[Any]]:
     verdict, chosen = table.verdict[paths.row], mask[paths.row]
     if shown == "rate":
         chosen = chosen & (verdict != NOT_JUDGED)

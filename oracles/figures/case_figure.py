@@ -31,7 +31,7 @@ _LEGEND_IN: Final = 0.6
 _TITLE_IN: Final = 0.62
 _GAP_IN: Final = 0.12
 _JUDGEMENTS: Final[tuple[Judgement, ...]] = ("pass", "not judged", "fail")
-_CROSS: Final[dict[str, Any]] = {
+CROSS: Final[dict[str, Any]] = {
     "marker": "X",
     "markersize": 8,
     "color": COLORS["fail"],
@@ -119,7 +119,7 @@ def pair_figure(title: str, sides: tuple[Case, Case]) -> Figure:
         for judgement in _JUDGEMENTS
         if judgement in said
     ]
-    handles += [Line2D([], [], label="where it failed", **_CROSS)] if "fail" in said else []
+    handles += [Line2D([], [], label="where it failed", **CROSS)] if "fail" in said else []
     before, after = (side.zones for side in sides)
     zones = Zones(before.keepout + after.keepout, before.speed + after.speed)
     obstacles = maps.obstacle_handle(max(len(side.obstacles) for side in sides))
@@ -143,7 +143,7 @@ def _draw(axes: Axes, case: Case, alpha: Callable[[int], float | None]) -> list[
     if case.estimate_xy_m is not None:
         axes.plot(*case.estimate_xy_m.T, color=INK, linewidth=1.3, linestyle=(0, (3, 2)), alpha=0.8)
     ends = np.array([line[-1] for said, line in case.paths if said == "fail"]).reshape(-1, 2)
-    axes.plot(*ends.T, **_CROSS)
+    axes.plot(*ends.T, **CROSS)
     return maps.draw_ends(axes, *case.stops) if case.situation.start is not None else []
 
 

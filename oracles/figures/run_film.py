@@ -3,19 +3,21 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, Final
 
-import matplotlib
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
-from vastflow.oracles.figures.case_figure import Case, case_figure
-from vastflow.oracles.figures.style import COLORS, INK, LINE, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK
+from vastflow.oracles.figures.case_figure import CROSS, Case, case_figure
+from vastflow.oracles.figures.style import COLORS, INK, LINE, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK, place
 from vastflow.oracles.judgement.verdict import Judgement
-from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
+from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.sim.model.recording import Event, Recording
 
 MOST_PICTURES: Final = 80
@@ -23,10 +25,10 @@ PICTURE_MS: Final = 100
 LAST_MS: Final = 1500
 ESTIMATE_COLOR: Final = "#E69F00"
 
-_FINE: Final = 2
-"""Pixels drawn along a side of one of the film's, whose edges are smooth by that."""
-_STRIP_PX: Final = 44 * _FINE
-_SAID_MS: Final = 2500
+_STRIP_IN: Final = 0.37
+"""Height of the strip below the map."""
+_LEAST_RADIUS_IN: Final = 0.035
+_SAID_S: Final = 2.5
 """Simulated time for which an event is told."""
 _TOLD: Final = {
     "contact": "touches {}",
@@ -36,6 +38,7 @@ _TOLD: Final = {
     "stopped_by_monitor": "stopped by the collision monitor",
     "goal_missed": "a goal given up",
 }
+_TICKS: Final = {"contact": COLORS["fail"], "recovery": ESTIMATE_COLOR}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,121 +71,88 @@ class FilmedRun:
 
     def pictures(self) -> Iterator[Image.Image]:
         """Draw the run, a picture for each of `rows`, as RGB pictures of one size."""
-        columns, run = self.recording.columns, self.recording.run
-        true = _poses(columns, "")
-        estimate = _poses(columns, "estimated_")
-        t_ms, tracks = columns["t_ms"], obstacle_tracks_of(self.case.situation, run)
-        floor, to_px = _floor(replace(self.case, obstacles=(), around_xy_m=true[:, :2]))
-        scale = float(to_px[0])
-        canvas = ImageDraw.Draw(floor)
-        radius_px = max(scale * self.radius_m, 4.0 * _FINE)
-        true_px, estimate_px = (_placed(poses[:, :2], to_px) for poses in (true, estimate))
-        before = 0
+        true, estimate = (self._poses(prefix) for prefix in ("", "estimated_"))
+        figure = case_figure(replace(self.case, obstacles=(), around_xy_m=true[:, :2]))
+        (floor,) = figure.axes
+        width_in, height_in = figure.get_size_inches().tolist()
+        figure.set_size_inches(width_in, height_in + _STRIP_IN)
+        whole = _STRIP_IN / (height_in + _STRIP_IN)
+        floor.set_position((0.0, whole, 1.0, 1.0 - whole))
+        x0_m, x1_m = floor.get_xlim()
+        radius_m = max(self.radius_m, _LEAST_RADIUS_IN * (x1_m - x0_m) / width_in)
+        bodies = [
+            _body(floor, radius_m, "white", facecolor=INK, edgecolor="white"),
+            _body(floor, radius_m, ESTIMATE_COLOR, fill=False, edgecolor=ESTIMATE_COLOR),
+        ]
+        (taken,) = floor.plot([], [], linestyle="none", marker=".", markersize=1.5, color=ESTIMATE_COLOR)
+        (driven,) = floor.plot([], [], linewidth=1.3, color=COLORS[self.judgement])
+        (crosses,) = floor.plot([], [], **CROSS)
+        tracks = obstacle_tracks_of(self.case.situation, self.recording.run)
+        look: dict[str, Any] = {"facecolor": OBSTACLE_COLOR, "edgecolor": OBSTACLE_EDGE}
+        obstacles = [Polygon(np.zeros((1, 2)), **look) for _ in tracks]
+        for outline in obstacles:
+            floor.add_patch(outline)
+        t_ms, events = self.recording.columns["t_ms"], self.recording.run.events
+        strip = _Strip(place(figure, 0.0, 0.0, width_in, _STRIP_IN), int(t_ms[-1]) / 1000.0, events)
+        moving = [taken, driven, *obstacles, *(part for body in bodies for part in body), crosses, *strip.moving]
+        for artist in moving:
+            artist.set_animated(True)
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.draw()
+        still = canvas.copy_from_bbox(figure.bbox)
         for row in self.rows.tolist():
-            for k in range(before + 1, row + 1):
-                canvas.ellipse(_around(estimate_px[k], 1.0 * _FINE), fill=ESTIMATE_COLOR)
-            if row > before:
-                line = [tuple(point) for point in true_px[before : row + 1].tolist()]
-                canvas.line(line, fill=COLORS[self.judgement], width=2 * _FINE, joint="curve")
-            before = row
-            picture = floor.copy()
-            draw = ImageDraw.Draw(picture)
-            for track in tracks:
-                _draw_obstacle(draw, track, t_ms[row : row + 1], to_px)
-            draw.ellipse(_around(true_px[row], radius_px), fill=INK, outline="white", width=_FINE)
-            _draw_heading(draw, true_px[row], float(true[row, 2]), radius_px, "white")
-            draw.ellipse(_around(estimate_px[row], radius_px), outline=ESTIMATE_COLOR, width=2 * _FINE)
-            _draw_heading(draw, estimate_px[row], float(estimate[row, 2]), radius_px, ESTIMATE_COLOR)
-            for event in run.events:
-                if event.kind == "contact" and event.t_s * 1000.0 <= t_ms[row]:
-                    _draw_cross(draw, _placed(np.array([[event.x_m, event.y_m]]), to_px)[0])
-            _draw_strip(draw, picture.size, int(t_ms[row]), int(t_ms[-1]), run.events)
-            yield picture.reduce(_FINE)
+            t_s = int(t_ms[row]) / 1000.0
+            taken.set_data(*estimate[: row + 1, :2].T)
+            driven.set_data(*true[: row + 1, :2].T)
+            for outline, track in zip(obstacles, tracks, strict=True):
+                outline.set_xy(track.outline_m(int(t_ms[row])))
+            for (circle, heading), (x_m, y_m, yaw_rad) in zip(bodies, (true[row], estimate[row]), strict=True):
+                circle.center = x_m, y_m
+                ahead = x_m + radius_m * math.cos(yaw_rad), y_m + radius_m * math.sin(yaw_rad)
+                heading.set_data(*zip((x_m, y_m), ahead, strict=True))
+            met = [(event.x_m, event.y_m) for event in events if event.kind == "contact" and event.t_s <= t_s]
+            crosses.set_data(*np.reshape(met, (-1, 2)).T)
+            strip.show(t_s)
+            canvas.restore_region(still)
+            for artist in moving:
+                figure.draw_artist(artist)
+            yield Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+
+    def _poses(self, prefix: str) -> NDArray[np.float64]:
+        """Poses (N, 3) in meters and radians."""
+        names = (f"{prefix}x_mm", f"{prefix}y_mm", f"{prefix}yaw_mrad")
+        return np.column_stack([self.recording.columns[name] for name in names]) / 1000.0
 
 
-def _poses(columns: Any, prefix: str) -> NDArray[np.float64]:
-    """Poses (N, 3) in meters and radians."""
-    names = (f"{prefix}x_mm", f"{prefix}y_mm", f"{prefix}yaw_mrad")
-    return np.column_stack([columns[name] for name in names]) / 1000.0
+def _body(axes: Axes, radius_m: float, color: str, **look: Any) -> tuple[Circle, Line2D]:
+    """Add a round robot and the line of its heading."""
+    circle = Circle((0.0, 0.0), radius_m, linewidth=1.2, **look)
+    axes.add_patch(circle)
+    (heading,) = axes.plot([], [], linewidth=1.2, color=color)
+    return circle, heading
 
 
-def _floor(case: Case) -> tuple[Image.Image, NDArray[np.float64]]:
-    """Draw the map with a white strip below; return it with scale and offset (4,) from meters to pixels."""
-    figure = case_figure(case)
-    figure.set_dpi(figure.get_dpi() * _FINE)
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    width, height = (side - side % (2 * _FINE) for side in drawn.size)
-    picture = Image.new("RGB", (width, height + _STRIP_PX), "white")
-    picture.paste(drawn.crop((0, 0, width, height)))
-    (axes,) = figure.axes
-    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
-    across, up = drawn.width / (x1 - x0), drawn.height / (y1 - y0)
-    return picture, np.array([across, -up, -x0 * across, y1 * up])
+class _Strip:
+    """Time and events below the map, over a time line with a tick for each contact and recovery."""
 
+    def __init__(self, axes: Axes, end_s: float, events: Sequence[Event]) -> None:
+        self._end_s, self._events = end_s, events
+        axes.set(xlim=(-0.017 * end_s, 1.017 * end_s), ylim=(0.0, 1.0))
+        axes.set_axis_off()
+        axes.add_patch(Rectangle((0.0, 0.15), end_s, 0.08, color=LINE))
+        for event in events:
+            if event.kind in _TICKS:
+                axes.plot([event.t_s] * 2, [0.08, 0.3], color=_TICKS[event.kind], linewidth=1.5)
+        self._bar = Rectangle((0.0, 0.15), 0.0, 0.08, color=SOFT_INK)
+        axes.add_patch(self._bar)
+        self._clock = axes.text(0.0, 0.5, "", color=INK, fontsize=8)
+        self._told = axes.text(0.12 * end_s, 0.5, "", fontsize=8)
+        self.moving: list[Artist] = [self._bar, self._clock, self._told]
 
-def _placed(xy_m: NDArray[np.float64], to_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(xy_m * to_px[:2] + to_px[2:])
-
-
-def _around(point: NDArray[np.float64], radius_px: float) -> tuple[float, float, float, float]:
-    x, y = point.tolist()
-    return x - radius_px, y - radius_px, x + radius_px, y + radius_px
-
-
-def _draw_heading(
-    draw: ImageDraw.ImageDraw, point: NDArray[np.float64], yaw_rad: float, radius_px: float, color: str
-) -> None:
-    x, y = point.tolist()
-    ahead = x + radius_px * math.cos(yaw_rad), y - radius_px * math.sin(yaw_rad)
-    draw.line([(x, y), ahead], fill=color, width=round(1.5 * _FINE))
-
-
-def _draw_cross(draw: ImageDraw.ImageDraw, point: NDArray[np.float64]) -> None:
-    x, y = point.tolist()
-    for color, width, reach in (("white", 5 * _FINE, 6 * _FINE), (COLORS["fail"], 3 * _FINE, 5 * _FINE)):
-        for up in (-1, 1):
-            draw.line([(x - reach, y - up * reach), (x + reach, y + up * reach)], fill=color, width=width)
-
-
-def _draw_obstacle(
-    draw: ImageDraw.ImageDraw, track: ObstacleTrack, t_ms: NDArray[np.int32], to_px: NDArray[np.float64]
-) -> None:
-    (center_m,), obstacle = track.at(t_ms), track.obstacle
-    if not np.isfinite(center_m).all():
-        return
-    look: dict[str, Any] = {"fill": OBSTACLE_COLOR, "outline": OBSTACLE_EDGE, "width": _FINE}
-    if obstacle.shape == "cylinder":
-        draw.ellipse(_around(_placed(center_m[None], to_px)[0], float(to_px[0]) * obstacle.length_m / 2), **look)
-        return
-    yaw_rad = track.yaw_rad[np.searchsorted(track.since_ms, t_ms[0], side="right") - 1]
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (obstacle.length_m / 2, obstacle.width_m / 2)
-    outline = _placed(corners @ np.array([[c, s], [-s, c]]) + center_m, to_px)
-    draw.polygon([tuple(point) for point in outline.tolist()], **look)
-
-
-def _draw_strip(
-    draw: ImageDraw.ImageDraw, size: tuple[int, int], now_ms: int, end_ms: int, events: Sequence[Event]
-) -> None:
-    """Write time and events below the map, over a time line with a tick for each contact and recovery."""
-    width, height = size
-    top, edge = height - _STRIP_PX, 10 * _FINE
-    font = ImageFont.truetype(str(Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")), 13 * _FINE)
-    draw.text((edge, top + 6 * _FINE), f"{now_ms / 1000.0:.1f} s", fill=INK, font=font)
-    past = [event for event in events if event.kind in _TOLD and 0.0 <= now_ms - event.t_s * 1000.0 <= _SAID_MS]
-    if past:
-        told = _TOLD[past[-1].kind].format(past[-1].what)
-        draw.text((edge + 70 * _FINE, top + 6 * _FINE), told, fill=COLORS["fail"], font=font)
-    else:
-        draw.text((edge + 70 * _FINE, top + 6 * _FINE), f"of {end_ms / 1000.0:.1f} s", fill=SOFT_INK, font=font)
-    line = width - 2 * edge
-    low = height - 10 * _FINE
-    draw.rectangle((edge, low, edge + line, low + 3 * _FINE), fill=LINE)
-    draw.rectangle((edge, low, edge + line * now_ms / max(end_ms, 1), low + 3 * _FINE), fill=SOFT_INK)
-    for event in events:
-        if event.kind in ("contact", "recovery"):
-            x = edge + line * event.t_s * 1000.0 / max(end_ms, 1)
-            color = COLORS["fail"] if event.kind == "contact" else ESTIMATE_COLOR
-            draw.rectangle((x - _FINE, low - 3 * _FINE, x + _FINE, low + 3 * _FINE), fill=color)
+    def show(self, t_s: float) -> None:
+        """Show a moment."""
+        self._bar.set_width(t_s)
+        self._clock.set_text(f"{t_s:.1f} s")
+        past = [event for event in self._events if event.kind in _TOLD and 0.0 <= t_s - event.t_s <= _SAID_S]
+        self._told.set_text(_TOLD[past[-1].kind].format(past[-1].what) if past else f"of {self._end_s:.1f} s")
+        self._told.set_color(COLORS["fail"] if past else SOFT_INK)

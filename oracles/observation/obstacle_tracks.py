@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -49,6 +49,15 @@ class ObstacleTrack:
     def at(self, t_ms: NDArray[np.int32]) -> NDArray[np.float64]:
         """Its center (N, 2) at the times (N,) of rows, events at these times included."""
         return np.asarray(self.xy_m[self._place(t_ms)])
+
+    def outline_m(self, t_ms: int) -> NDArray[np.float64]:
+        """Its outline (K, 2) at a time; empty while absent."""
+        k = int(self._place(np.array([t_ms], dtype=np.int32))[0])
+        x_m, y_m = self.xy_m[k].tolist()
+        if not math.isfinite(x_m):
+            return np.empty((0, 2))
+        placed = replace(self.obstacle, pose=Pose(x_m, y_m, float(self.yaw_rad[k])))
+        return np.asarray(placed.footprint().exterior.coords)
 
     def clearance_m(self, t_ms: NDArray[np.int32], xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distances (N,) of points (N, 2) to its outline at the times (N,): 0 inside, infinite while absent."""

@@ -3,13 +3,12 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import pytest
+from asleep import sleepers
 from command_line import called, refused
 
 from vastflow.flows.request.run_request import RunRequest
@@ -227,59 +226,24 @@ def test_lines_name_runs_that_did_not_pass():
     assert runs_text([0, 1, 2, 5, 7, 8]) == "runs 0–2, 5, 7–8"
 
 
-CAMPAIGN = """\
-version: 1
-metadata: {name: asleep}
-configuration:
-- name: asleep
-  variations:
-  - ParameterVariationList: {name: second, values: [1, 2, 3, 4, 5, 6]}
-execution: {scenario_file: asleep.osc, runs: 2, timeout: 60}
-"""
-SCENARIO = """\
-import osc.helpers
-
-scenario asleep:
-    second: int = 1
-    do serial:
-        run_process('sleep 1')
-        emit end
-"""
-
-
 @pytest.fixture
 def asleep(tmp_path, prefect_home):
-    """Starts a campaign whose runs sleep, in a process of its own."""
-    (tmp_path / "asleep.vast").write_text(CAMPAIGN)
-    (tmp_path / "asleep.osc").write_text(SCENARIO)
-    environment = {**os.environ, "PREFECT_HOME": str(prefect_home(tmp_path / "prefect"))}
-    environment.pop("PREFECT_API_URL", None)
-    started = []
+    """Starts a campaign whose runs sleep, in a process of its own, and waits for its first run."""
+    commands = [f"sleep 1.0{k}" for k in range(6)]
+    with sleepers(tmp_path, prefect_home(tmp_path / "prefect"), commands, runs=2, workers=1) as begun:
 
-    def start(results):
-        before = {*unfinished(tmp_path / results)}
-        command = ["run", "asleep.vast", "--results", results, "--store", f"store-{results}", "--workers", "1"]
-        process = subprocess.Popen(
-            [sys.executable, "-m", "vastflow.flows.cli", *command],
-            cwd=tmp_path,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        started.append(process)
-        deadline_s = time.monotonic() + 120
-        while process.poll() is None and time.monotonic() < deadline_s:
-            for place in {*unfinished(tmp_path / results)} - before:
-                if any(event.event == "executed" for event in EventReader(place).new()):
-                    return process, place
-            time.sleep(0.1)
-        raise AssertionError(process.communicate(timeout=10)[0])
+        def start(results):
+            before = {*unfinished(tmp_path / results)}
+            process = begun(results)
+            deadline_s = time.monotonic() + 120
+            while process.poll() is None and time.monotonic() < deadline_s:
+                for place in {*unfinished(tmp_path / results)} - before:
+                    if any(event.event == "executed" for event in EventReader(place).new()):
+                        return process, place
+                time.sleep(0.1)
+            raise AssertionError(process.communicate(timeout=10)[0])
 
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
+        yield start
 
 
 @pytest.mark.slow

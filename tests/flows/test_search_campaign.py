@@ -1,15 +1,14 @@
 """Campaigns that search: proposals, runs, tables, and that a search is repeated exactly."""
 
-import itertools
 import json
 import math
 import re
 import time
-from functools import partial
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from pocket import BATCHES, SCENARIO, computed, file_of
 from table import each_row
 
 from vastflow.flows import run_campaign
@@ -17,69 +16,14 @@ from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.minimization.failing import failing_configuration
 from vastflow.flows.request.run_request import request_of
 from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
-from vastflow.flows.run import judged as judging
 from vastflow.flows.run import prepared
-from vastflow.flows.run.event_log import logged
-from vastflow.flows.run.judged import look, scanned, through
-from vastflow.flows.run.prepared import open_run
-from vastflow.flows.run.reporting import reported
+from vastflow.flows.run.stored import write_stored
 from vastflow.oracles.results.unusable import UnusableDirectory
-from vastflow.sim.model.faults import FileError
-from vastflow.tasks.engine.evaluation import packed
+from vastflow.sim.model.faults import FileError, UserError
 from vastflow.tasks.store.store import open_store
 
 pytestmark = pytest.mark.timeout(900)
 
-CAMPAIGN = """
-version: 1
-metadata: {name: pocket}
-search:
-  strategy: STRATEGY
-  search_space:
-    x: {type: float, low: 1, high: 11}
-    n: {type: int, low: 0, high: 3}
-  extract: {plugin: metrics, params: {badness: {oracle: own.py:Pocket, metric: badness}}}
-  objectives: [{name: OBJECTIVE}]
-  per_batch: 4
-  confirm: 10
-  seed: 1
-MORE
-constraints:
-  - short: x < LIMIT
-execution: {scenario_file: pocket.osc, runs: RUNS, timeout: 30}
-evaluation:
-  oracles:
-    - own.py:Pocket: {}
-"""
-SCENARIO = """
-import osc.helpers
-
-scenario pocket:
-    timeout(30s)
-    x: time
-    n: int
-    do serial:
-        wait elapsed(x)
-"""
-ORACLE = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
-
-
-class Pocket(Oracle[Parameters]):
-    \"\"\"Fails the oftener the nearer the run's time is to 7 s.\"\"\"
-
-    Parameters = Parameters
-    metrics = {"badness": "1"}
-
-    def judge(self, trace, situation):
-        run = trace.run.run_index
-        if BROKEN:
-            raise ZeroDivisionError("no verdict")
-        badness = 1 - abs(trace.run.simulated_s - 7) / 10
-        fails = (run * 0.618) % 1 < badness - 0.3
-        return (self.failed(trace, "in the pocket", badness=badness) if fails else self.passed(trace, badness=badness))
-"""
-BATCHES = "  budget: [{batches: 3}]"
 CALLS = 3 * (12 + 1)
 """Of a stage in such a search: three for each point, and for the one that is confirmed."""
 
@@ -92,48 +36,6 @@ def place(tmp_path_factory, tree):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(prepared, "installed_tree", lambda: tree)
         yield folder
-
-
-def file_of(place, more=BATCHES, strategy="random", runs="3", limit=12, broken="False", objective="failure_rate"):
-    (place / "campaign" / "own.py").write_text(ORACLE.replace("BROKEN", broken))
-    file = place / "campaign" / "pocket.vast"
-    text = CAMPAIGN.replace("STRATEGY", strategy).replace("MORE", more).replace("RUNS", runs)
-    file.write_text(text.replace("OBJECTIVE", objective).replace("LIMIT", str(limit)))
-    return file
-
-
-def computed(file, place, store, workers=2, calls=math.inf):
-    """A campaign as the flow computes it, without Prefect; interrupted after so many calls of a stage."""
-    numbers = itertools.count()
-
-    def made(stage, *given):
-        if next(numbers) >= calls:
-            raise KeyboardInterrupt
-        return stage(*given).made
-
-    request = request_of(file, {"results": place / "results", "store": place / store, "workers": workers})
-    with open_run(request) as (run, computing), logged(run, computing) as log:
-        engine = computing.engine
-
-        def stages(_, shards):
-            for shard in shards:
-                recorded = made(engine.execute, shard.configurations)
-                observed = made(engine.observe, shard.configurations, recorded)
-                made(engine.judge, shard.configurations, observed)
-
-        def completed(judged):
-            if judged is None:
-                instantiated = run.instantiator.instantiated(partial(evaluated, engine))
-                judged = scanned(run, computing, instantiated)
-            return judging.computed(judged, computing, stages)
-
-        for _ in engine.attempts():
-            return reported(run, computing, through(run, computing, look(run, computing), completed), log)
-
-
-def evaluated(engine, requests):
-    made = [engine.evaluate(packed(each.producer), each.evaluations).made for each in requests]
-    return {key: error for errors in made for key, error in errors.items()}
 
 
 @pytest.fixture(scope="module")
@@ -257,6 +159,21 @@ def test_baseline_has_equal_points_and_leaves_search_unchanged(run, first):
     judged = json.loads((both.directory / "evidence.json").read_text())["all_oracles"]
     assert judged["campaign"]["clustered"] is None and judged["families"]["search"]["clustered"] is None
     assert judged["families"]["random"]["clustered"] is not None
+
+
+def test_points_of_running_search_are_written_from_store(place, run):
+    with pytest.raises(KeyboardInterrupt):
+        run(store="half", calls=3 * 5)
+    # The time of the process that writes them ends no search, and is not stored.
+    file = file_of(place, more="  budget: [{time: 0.001}]")
+    request = request_of(file, {"results": place / "points", "store": place / "half", "workers": 1})
+    for point in ("point-0001", "point-0005"):
+        written = write_stored(request, point, 2)
+        assert [(row["configuration"], row["run_index"]) for row in rows(written, "runs")] == [(point, 0), (point, 1)]
+        assert [row["name"] for row in rows(written, "configurations")] == [point]
+    with pytest.raises(UserError, match="not all of these runs are judged yet"):
+        write_stored(request, "point-0006", 1)
+    assert "search" not in {each.stage for each in open_store(str(place / "half")).holdings()}
 
 
 @pytest.mark.slow

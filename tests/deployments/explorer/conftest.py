@@ -10,6 +10,8 @@ from synthetic import SyntheticCampaign, a_recording, walled_room, write_map
 
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.server import application
+from vastflow.oracles.evidence.wide import wide_table, write_wide
+from vastflow.oracles.results.tables import read_tables
 
 TOKEN = "a-token-of-the-tests"
 PLACE = "http://127.0.0.1:8000"
@@ -60,7 +62,9 @@ def add_campaign(results: Path, a_room: Path) -> Callable[..., Path]:
         source = {stage: {"files": {}, "libraries": {}} for stage in stages}
         campaign.metadata |= {"source": dict.fromkeys(source, "1"), "numeric_class": "x", "seed": 0, "code": source}
         campaign.metadata |= {"oracles": [], "name": name, "created": f"2026-11-{day:02}T06:00:00", "counts": counts}
-        return campaign.write(text)
+        directory = campaign.write(text)
+        write_wide(directory, wide_table(read_tables(directory)))
+        return directory
 
     return added
 

@@ -1,4 +1,4 @@
-"""The explorer in a real browser: list, two ticked campaigns compared, back, and a running campaign to its stop."""
+"""The explorer in a real browser: list, two ticked campaigns compared, back, and running campaigns to their ends."""
 
 import json
 import re
@@ -9,12 +9,15 @@ import time
 from collections.abc import Callable, Iterator
 from datetime import datetime
 from pathlib import Path
+from subprocess import Popen
+from typing import TypeAlias
 
 import pytest
+from asleep import sleepers
 from chromium import CHROMIUM, Browser, chromium, opened
 
-from vastflow.oracles.results.events import EVENTS, Event
-from vastflow.oracles.results.unfinished import STOP, WRITER, writer
+from vastflow.oracles.results.events import EVENTS, Event, EventReader
+from vastflow.oracles.results.unfinished import STOP, WRITER, unfinished, writer
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")]
 
@@ -184,3 +187,67 @@ def test_ended_campaign_links_to_its_page(
     shutil.rmtree(place)
     until(browser, "document.querySelector('#end a')")
     assert browser.value("document.querySelector('#end a').href.replace('/campaign', '/live') === location.href")
+
+
+Begin: TypeAlias = Callable[[], Popen[str]]
+
+
+@pytest.fixture
+def begin(
+    request: pytest.FixtureRequest, tmp_path: Path, results: Path, prefect_home: Callable[[Path], Path]
+) -> Iterator[Begin]:
+    """Begins a real campaign with a run of each command, the first of which fails."""
+    home = prefect_home(tmp_path / "prefect")
+    with sleepers(tmp_path, home, ["sh -c 'sleep 1; exit 3'", *request.param], runs=1, workers=2) as start:
+        yield lambda: start(str(results))
+
+
+def watch(browser: Browser, explorer: str) -> None:
+    """Open the live page from the list, which shows the campaign without a reload, and wait for the failed run."""
+    visit(browser, explorer)
+    until(browser, "document.querySelector('tbody')?.innerText.includes('running')")
+    browser.value("document.querySelector('tbody a').click()")
+    arrive(browser, "/live")
+    until(browser, "document.querySelector('#lost a')")
+    assert "asleep-1" in browser.value("document.getElementById('lost').innerText")
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("begin", [["sleep 2", "sleep 3"]], indirect=True)
+def test_real_campaign_is_watched_to_its_end(browser: Browser, explorer: str, begin: Begin) -> None:
+    process = begin()
+    watch(browser, explorer)
+    assert process.poll() is None and browser.value("document.getElementById('end').innerText") == ""
+    until(browser, "document.querySelector('#recent .pass')")
+    until(browser, "document.getElementById('end').innerText.startsWith('The campaign is finished.')")
+    assert "3 of 3" in browser.value("document.getElementById('families').innerText")
+    said, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0 and "2 passed, 1 failed" in said, said
+    browser.value("document.querySelector('#end a').click()")
+    arrive(browser, "/campaign")
+    until(browser, "document.body.innerText.includes('asleep-3')")
+    assert browser.value("document.querySelector('h1').innerText").startswith("asleep")
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("begin", [["sleep 50"]], indirect=True)
+def test_real_campaign_opens_failed_run_and_is_stopped(
+    browser: Browser, explorer: str, begin: Begin, results: Path
+) -> None:
+    process = begin()
+    watch(browser, explorer)
+    (place,) = unfinished(results)
+    browser.value("document.querySelector('#lost a').click()")
+    arrive(browser, "/run")  # from the store
+    until(browser, "document.body.innerText.includes('has no robot')")
+    browser.value("history.back()")
+    arrive(browser, "/live")
+    until(browser, "!document.getElementById('stop').hidden")
+    browser.value("document.querySelector('[name=reason]').value = 'wrong <sleep>'")
+    browser.value("document.querySelector('#stop button').click()")
+    until(browser, "document.getElementById('end').innerText === 'The campaign stopped: wrong <sleep>.'")
+    said, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130 and "stopped: wrong <sleep>" in said.splitlines()[-1]
+    assert EventReader(place).new()[-1].values["reason"] == "wrong <sleep>"
+    visit(browser, browser.value("location.origin + '/'"))
+    assert "wrong <sleep>" in browser.value("document.querySelector('tbody').innerText")

@@ -8,12 +8,12 @@ from datetime import datetime
 import numpy as np
 import pandas as pd
 import pytest
+from pocket import SCENARIO, computed, file_of
 from table import each_row
 
 from vastflow.deployments.explorer.directories import Directories
-from vastflow.oracles.evidence.wide import WIDE_FILE, wide_table, write_wide
+from vastflow.oracles.evidence.wide import WIDE_FILE
 from vastflow.oracles.results.events import EVENTS, Event
-from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.results.unfinished import WRITER, writer
 
 FAMILIES = {"easy": [0, 0, 1], "hard": [4, 2]}
@@ -23,7 +23,6 @@ FAMILIES = {"easy": [0, 0, 1], "hard": [4, 2]}
 def campaign(add_campaign, id_of):
     """A campaign of five configurations and twenty runs, seven of which failed; its id and directory."""
     directory = add_campaign(3, FAMILIES)
-    write_wide(directory, wide_table(read_tables(directory)))
     return id_of(directory), directory
 
 
@@ -63,15 +62,11 @@ def test_summary_counts_selection_and_gives_canonical_filter(client, campaign):
     assert found["maps"][0]["runs"] == 20
 
 
-def test_campaign_joins_tables_without_wide_table(client, campaign):
+def test_campaign_without_wide_table_is_one_sentence(client, campaign):
     c, directory = campaign
     (directory / WIDE_FILE).unlink()
-    found = client.get("/api/summary", params={"c": c, "f": "family=hard"}).json()
-    assert found["summary"]["failed"] == 6
-    names = {}
-    exec(found["python"], names)  # noqa: S102
-    assert len(names["selection"]) == 8
-    assert len(client.get("/api/table", params={"c": c, "f": "passed=fail"}).text.splitlines()) == 1 + 7
+    reply = client.get("/api/summary", params={"c": c})
+    assert (reply.status_code, WIDE_FILE in reply.json()["error"]) == (409, True)
 
 
 def test_campaign_is_read_anew_when_its_table_changes(client, campaign):
@@ -79,14 +74,6 @@ def test_campaign_is_read_anew_when_its_table_changes(client, campaign):
     assert client.get("/api/summary", params={"c": c}).json()["summary"]["runs"] == 20
     pd.read_parquet(directory / WIDE_FILE).head(8).to_parquet(directory / WIDE_FILE)
     assert client.get("/api/summary", params={"c": c}).json()["summary"]["runs"] == 8
-
-
-def test_known_replies_are_not_sent_again(client, campaign):
-    query = {"c": campaign[0], "f": "family=hard"}
-    tag = client.get("/api/facets", params=query).headers["ETag"]
-    assert client.get("/api/facets", params=query, headers={"If-None-Match": tag}).status_code == 304
-    other = {**query, "f": "family=easy"}
-    assert client.get("/api/facets", params=other, headers={"If-None-Match": tag}).status_code == 200
 
 
 def test_rows_are_sorted_and_link_by_name(client, campaign):
@@ -174,7 +161,6 @@ def test_wrong_request_is_one_sentence(client, campaign, address, query, message
 @each_row("name", [WIDE_FILE, "configurations.parquet"])
 def test_damaged_table_is_one_sentence(client, add_campaign, id_of, tmp_path, name):
     directory = add_campaign(4, FAMILIES, name=f"broken-{name[0]}")
-    write_wide(directory, wide_table(read_tables(directory)))
     (directory / name).write_bytes((directory / name).read_bytes()[:-200])
     page = client.get("/campaign", params={"c": id_of(directory)})
     assert page.status_code == 409
@@ -269,3 +255,36 @@ def test_campaign_without_map_and_metrics_has_its_other_views(client, campaign):
     assert client.get("/api/configuration", params={"c": c, "name": "hard-2"}).json()["family"] is None
     header, _ = arrays_of(client.get("/api/configuration/paths", params={"c": c, "name": "hard-2"}).content)
     assert header["problem"] == "This scenario has no map."
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory):
+    """The directory of a search for times: four points of two runs, the best with ten more."""
+    place = tmp_path_factory.mktemp("pocket")
+    (place / "campaign").mkdir()
+    (place / "campaign" / "pocket.osc").write_text(SCENARIO)
+    file = file_of(place, more="  budget: [{batches: 1}]", runs="2")
+    return computed(file, place, "store", workers=1).directory
+
+
+def test_campaign_page_of_search_has_points_with_their_dimensions(client, results, searched, id_of):
+    c = id_of(shutil.copytree(searched, results / searched.name))
+    assert client.get("/campaign", params={"c": c}).status_code == 200
+    found = client.get("/api/summary", params={"c": c}).json()
+    assert (found["summary"]["runs"], found["summary"]["configurations"]) == (18, 4)
+    facets = {each["name"]: each for each in client.get("/api/facets", params={"c": c}).json()["facets"]}
+    assert facets["x"]["group"] == facets["n"]["group"] == "factor"
+    rows = client.get("/api/rows", params={"c": c, "sort": "runs", "order": "descending"}).json()["rows"]
+    assert [row["passed"] + row["failed"] for row in rows] == [12, 2, 2, 2]
+    best = json.loads((searched / "metadata.json").read_text())["search"]["best"]
+    assert (rows[0]["configuration"], rows[0]["values"][0]) == (
+        best["configuration"],
+        pytest.approx(best["point"]["x"]),
+    )
+    chosen = f"x:{best['point']['x'] - 0.01}..{best['point']['x'] + 0.01}"
+    assert client.get("/api/summary", params={"c": c, "f": chosen}).json()["summary"]["runs"] == 12
+    header, arrays = arrays_of(client.get("/api/points", params={"c": c}).content)
+    assert {"x", "n"} <= {each["name"] for each in header["columns"]} and len(arrays[0]) == 18
+    assert client.get("/configuration", params={"c": c, "name": best["configuration"]}).status_code == 200
+    page = client.get("/run", params={"c": c, "configuration": best["configuration"], "run": "11"})
+    assert page.status_code == 200

@@ -16,7 +16,7 @@ from vastflow.deployments.explorer.facets import (
     summary_json,
     varying_of,
 )
-from vastflow.deployments.explorer.selection import Filter, is_by_result, mask_of, parse_filter, run_table_of
+from vastflow.deployments.explorer.selection import is_by_result, mask_of, parse_filter, run_table_of
 from vastflow.deployments.explorer.trajectories import STEP_M, joined, layer, paths_of
 from vastflow.oracles.statistics.failure_map import failure_map, grid_over
 
@@ -75,7 +75,7 @@ def test_facet_counts_values_under_conditions_of_other_facets(facets):
 
 
 def test_facet_of_numbers_counts_each_run_once(facets):
-    found = shown(facets.json(Filter()), "safety.margin (m)")
+    found = shown(facets.json({}), "safety.margin (m)")
     runs = runs_of()
     assert len(found["counts"]) == BINS
     assert np.sum(found["counts"]) + found["missing"] == len(runs)
@@ -93,7 +93,7 @@ def test_facet_lists_frequent_values_and_counts_omitted_ones(facets):
 
 
 def test_facets_name_constant_columns_and_places(facets):
-    found = facets.json(Filter())
+    found = facets.json({})
     assert {"name": "robot", "value": "turtle"} in found["constant"]
     assert found["places"] == ["start_pose"]
 
@@ -131,6 +131,11 @@ def test_rows_are_pages_of_one_order(table, sort, descending):
     assert sorted(row["configuration"] for row in rows) == sorted(table.configurations)
     keys = [row["rate"] if sort == "rate" else row["values"][1] for row in rows]
     assert keys == sorted(keys, reverse=descending)
+
+
+def test_rows_of_no_run_are_an_empty_page(table):
+    found = rows_json(table, np.zeros(len(table), dtype=bool), ["noise"], "family", descending=True, start=0, count=7)
+    assert (found["rows"], found["total"]) == ([], 0)
 
 
 def test_rows_have_means_of_selected_runs(table):

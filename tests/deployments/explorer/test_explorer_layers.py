@@ -11,7 +11,7 @@ from synthetic import walled_room, write_map
 from unpacked import unpacked
 
 from vastflow.deployments.explorer import run_page
-from vastflow.deployments.explorer.layers import Points, Watched, layers_of
+from vastflow.deployments.explorer.layers import Parts, Watched, in_units, layers_of
 from vastflow.deployments.explorer.run_page import KeptLayers
 from vastflow.oracles.replay.recorded import RecordedRun
 from vastflow.oracles.results.unusable import UnusableDirectory
@@ -111,22 +111,20 @@ def test_layers_are_refused_without_robot_or_with_programs(recorded: RecordedRun
         layers_of(programs)
 
 
-def test_points_share_ends_of_sets_before():
-    points = Points()
+def test_parts_share_ends_of_parts_before():
+    parts = Parts(np.empty((0, 2)))
     path = np.array([(0.0, 0.0), (1.0, 0.0), (2.0, 0.5), (3.0, 0.5)])
     for part in (path, path[1:], path[1:], path[:0], path):
-        points.add(part)
-    unit, units, spans = points.packed()
-    assert spans.tolist() == [[0, 4], [1, 4], [1, 4], [4, 4], [4, 8]]
-    np.testing.assert_allclose(units[:4] * unit.size_m + (unit.x_m, unit.y_m), path, atol=0.0006)
+        parts.add(part)
+    assert parts.spans.tolist() == [[0, 4], [1, 4], [1, 4], [4, 4], [4, 8]]
+    (x_m, y_m, size_m), units = in_units(parts.whole)
+    np.testing.assert_allclose(units[:4] * size_m + (x_m, y_m), path, atol=0.0006)
 
 
 def test_points_far_apart_get_larger_units():
-    points = Points()
-    points.add(np.array([(0.0, 0.0), (200.0, 1.0)]))
-    unit, units, _ = points.packed()
-    assert 0.003 < unit.size_m < 0.0031
-    np.testing.assert_allclose(units * unit.size_m + (unit.x_m, unit.y_m), [(0.0, 0.0), (200.0, 1.0)], atol=0.002)
+    (x_m, y_m, size_m), units = in_units(np.array([(0.0, 0.0), (200.0, 1.0)]))
+    assert 0.003 < size_m < 0.0031
+    np.testing.assert_allclose(units * size_m + (x_m, y_m), [(0.0, 0.0), (200.0, 1.0)], atol=0.002)
 
 
 class DonePool:

@@ -77,7 +77,7 @@ def test_replies_forbid_foreign_and_inline_content(client, path):
     "path",
     [
         *("/static/nothing.js", "/static/../server.py", "/static/%2e%2e/server.py", "/static/..%2fserver.py"),
-        *("/static//etc/passwd", "/static/%2fetc%2fpasswd", "/static/", "/static/dom.js/", "/static/.", "/etc/passwd"),
+        *("/static//etc/passwd", "/static/%2fetc%2fpasswd", "/static/", "/static/.", "/etc/passwd"),
     ],
 )
 def test_static_names_are_looked_up(client, path):

@@ -1,0 +1,60 @@
+"""A campaign whose runs sleep, run by a process of its own."""
+
+import os
+import subprocess
+import sys
+from contextlib import contextmanager
+
+CAMPAIGN = """\
+version: 1
+metadata: {name: asleep}
+configuration:
+- name: asleep
+  variations:
+  - ParameterVariationList: {name: command, values: COMMANDS}
+execution: {scenario_file: asleep.osc, runs: RUNS, timeout: 60}
+"""
+SCENARIO = """\
+import osc.helpers
+
+scenario asleep:
+    command: string
+    do serial:
+        run_process(command)
+        emit end
+"""
+
+
+@contextmanager
+def sleepers(folder, home, commands, runs, workers):
+    """Yield a function that starts the campaign with its results in a folder; its processes are killed afterwards.
+
+    Args:
+        home: Of Prefect, which no other process uses.
+        commands: One for each configuration.
+    """
+    (folder / "asleep.vast").write_text(CAMPAIGN.replace("COMMANDS", str(commands)).replace("RUNS", str(runs)))
+    (folder / "asleep.osc").write_text(SCENARIO)
+    environment = {**os.environ, "PREFECT_HOME": str(home)}
+    environment.pop("PREFECT_API_URL", None)
+    started = []
+
+    def start(results):
+        command = ["run", "asleep.vast", "--results", results, "--store", f"{results}-store", "--workers", str(workers)]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "vastflow.flows.cli", *command],
+            cwd=folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        started.append(process)
+        return process
+
+    try:
+        yield start
+    finally:
+        for process in started:
+            process.kill()
+            process.communicate()
