@@ -8,6 +8,7 @@ from concurrent.futures import Future
 import distributed
 import pytest
 from dask import config
+from distributed.core import Status
 from distributed.security import Security
 
 from vastflow.sim.model.faults import ScenarioError
@@ -86,7 +87,7 @@ def test_cluster_with_tls_takes_certificates_from_dasks_configuration(opened):
     made = Security.temporary()
     files = {"ca-file": made.tls_ca_file, "client.cert": made.tls_client_cert, "client.key": made.tls_client_key}
     with distributed.LocalCluster(
-        1, security=made, processes=False, protocol="tls", dashboard_address=":0", memory_limit=0
+        n_workers=1, security=made, processes=False, protocol="tls", dashboard_address=":0", memory_limit=0
     ) as cluster:
         assert cluster.scheduler_address.startswith("tls://")
         with config.set({f"distributed.comm.tls.{name}": content for name, content in files.items()}):
@@ -225,6 +226,33 @@ def test_cluster_without_worker_prints_command_and_waits(opened, monkeypatch, da
         empty.scale(1)
         assert unit.result(60) == 2
         executor.close()
+
+
+def test_units_that_wait_on_paused_worker_go_to_another(opened, monkeypatch):
+    monkeypatch.setattr(dask_cluster, "NO_WORKER_S", 0.1)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0", memory_limit=0
+    ) as cluster:
+        executor = opened(cluster.scheduler_address)
+        units = [execute(executor, time.sleep, 0.5) for _ in range(8)]
+        while not any(unit.done() for unit in units):
+            time.sleep(0.02)
+        one, other = cluster.workers.values()
+        set_status(one, Status.paused)
+        assert [unit.result(30) for unit in units] == [None] * 8
+        assert executor.workers == 1
+        set_status(other, Status.paused)
+        late = execute(executor, len, "ab")
+        while not (said := [each for each in executor.notices if "paused" in each]):
+            time.sleep(0.05)
+        assert said[0].startswith(f"all workers at {cluster.scheduler_address} (2) are paused by Dask")
+        set_status(one, Status.running)
+        assert late.result(30) == 2
+        executor.close()
+
+
+def set_status(worker, status):
+    worker.loop.add_callback(setattr, worker, "status", status)
 
 
 def test_unit_of_closed_executor_ends_between_two_runs(opened, tmp_path):
