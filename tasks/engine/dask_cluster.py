@@ -177,7 +177,6 @@ class DaskCluster:
             if self.closed:
                 return
             self.closed = True
-            _DASK.setLevel(self._level)
             client, self._client = self._client, None
             jobs = [*self._open.values()]
             self._open.clear()
@@ -188,6 +187,7 @@ class DaskCluster:
                 client.cancel([job.future for job in jobs if job.future is not None], asynchronous=False)
             with suppress(Exception):
                 client.close(_END_S)
+        _DASK.setLevel(self._level)  # not before: a client that is reconnecting when it is closed prints a traceback
         self._local.close()
         if self._server is not None:
             self._server.kill()

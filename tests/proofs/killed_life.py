@@ -204,6 +204,7 @@ class Place:
             "PYTHONPATH": os.pathsep.join(filter(None, [str(self._lab.folder / "code"), kept.get("PYTHONPATH")])),
             "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
             "VASTFLOW_STORE": str(self.store),
+            "XDG_CACHE_HOME": str(self._lab.folder / "cache"),
             MARK: self.mark,
             TRACE: str(self.folder / "trace"),
         }

@@ -142,6 +142,27 @@ def test_preparation_is_called_once_before_the_units(opened, tmp_path):
         assert file.read().split() == ["prepared", "unit", "unit", "unit"]
 
 
+def test_worker_joins_before_it_is_prepared(opened, tmp_path):
+    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster:
+        executor, ready = opened(cluster.scheduler_address), tmp_path / "ready"
+        executor.prepare(_wait_for, str(ready))
+        unit = execute(executor, len, "ab")
+        while not cluster.scheduler.worker_plugins.keys() - {"shuffle"}:
+            time.sleep(0.05)
+        cluster.scale(1)
+        while not [row for row in executor.workers_table() if row["state"] == "running"]:
+            time.sleep(0.05)
+        assert not unit.done()
+        ready.touch()
+        assert unit.result(60) == 2
+        executor.close()
+
+
+def _wait_for(file):
+    while not os.path.exists(file):
+        time.sleep(0.05)
+
+
 def _note(log, word):
     with open(log, "a") as file:
         file.write(f"{word} ")
@@ -199,6 +220,19 @@ def test_scheduler_that_stays_away_ends_everything(opened, monkeypatch):
     assert len(executor.notices) == 1
     with pytest.raises(ClusterError):
         execute(executor, len, "ab").result(60)
+
+
+def test_closing_while_scheduler_is_away_prints_no_traceback(opened, caplog):
+    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=":0", memory_limit=0) as cluster:
+        executor = opened(cluster.scheduler_address)
+        assert execute(executor, len, "ab").result(60) == 2
+    while executor._client.status != "connecting":
+        time.sleep(0.05)
+    time.sleep(0.5)
+    executor.close()
+    time.sleep(0.5)
+    assert not [each for each in caplog.records if each.name == dask_cluster._DASK.name]
+    assert dask_cluster._DASK.level == executor._level
 
 
 def test_answers_of_lost_connection_are_not_taken(opened, monkeypatch):
