@@ -6,6 +6,7 @@ exist. A file's name has its digest in it: two writers of one key never mix what
 
 import contextlib
 import errno
+import functools
 import json
 import os
 import uuid
@@ -199,6 +200,13 @@ class RemoteFiles:
 
 def file_system(address: str) -> tuple[Any, str]:
     """Return fsspec's file system of an address, and its path there; errors of the file system pass through."""
+    settings = tuple(sorted((name, each) for name, each in os.environ.items() if name.startswith("AWS_")))
+    return _connected(address, os.getpid(), settings)
+
+
+@functools.lru_cache(maxsize=8)
+def _connected(address: str, process: int, settings: tuple[tuple[str, str], ...]) -> tuple[Any, str]:
+    """Connect once in a process: each unit brings a store of its own, and a client of S3 costs half a second."""
     files, root = fsspec.core.url_to_fs(address, **_options(address))
     if address.startswith(_S3):
         files.retries = _READS
