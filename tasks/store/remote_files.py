@@ -158,8 +158,11 @@ class RemoteFiles:
     def _listed(self, key: str) -> dict[str, _Entry]:
         """Return the files below `key`, by path from there."""
         below = self._path(key).rstrip("/") + "/"
+        above, _, name = below[:-1].rpartition("/")
+        # Where s3fs finds nothing below a path, it makes two more requests to learn what that is; not so with a prefix.
+        place = {"path": above, "prefix": f"{name}/"} if above and self._address.startswith(_S3) else {"path": below}
         try:
-            found = self._asked(self._files.find, below, detail=True)
+            found = self._asked(self._files.find, **place, detail=True)
         except FileNotFoundError:
             return {}
         return {path[len(below) :]: file for path, file in found.items() if path.startswith(below)}
