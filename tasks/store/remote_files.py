@@ -209,7 +209,7 @@ def file_system(address: str) -> tuple[Any, str]:
 
 @functools.lru_cache(maxsize=8)
 def _connected(address: str, process: int, settings: tuple[tuple[str, str], ...]) -> tuple[Any, str]:
-    """Connect once in a process: each unit brings a store of its own, and a client of S3 costs half a second."""
+    """Connect once in a process: each unit brings a store, and a client of S3 costs half a second."""
     files, root = fsspec.core.url_to_fs(address, **_options(address))
     if address.startswith(_S3):
         files.retries = _READS
