@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -177,7 +177,6 @@ class DaskCluster:
             if self.closed:
                 return
             self.closed = True
-            _DASK.setLevel(self._level)
             client, self._client = self._client, None
             jobs = [*self._open.values()]
             self._open.clear()
@@ -188,6 +187,7 @@ class DaskCluster:
                 client.cancel([job.future for job in jobs if job.future is not None], asynchronous=False)
             with suppress(Exception):
                 client.close(_END_S)
+        _DASK.setLevel(self._level)  # not before: a client that is reconnecting when it is closed prints a traceback
         self._local.close()
         if self._server is not None:
             self._server.kill()
@@ -300,17 +300,50 @@ class DaskCluster:
         return address
 
     def _watch(self, client: Any) -> None:
-        """Count the workers as long as this client is in use."""
-        lonely_s, told = time.monotonic(), False
+        """Count the workers that compute, as long as this client is in use, and free units of those that pause."""
+        lonely_s, told, idle = time.monotonic(), False, frozenset[str]()
         while self._client is client:
             with suppress(Exception):
-                self._threads = sum(client.nthreads().values())
+                workers = client.scheduler_info(n_workers=-1)["workers"]
+                self._threads = sum(each["nthreads"] for each in workers.values() if each["status"] != "paused")
                 if self._threads:
                     lonely_s, told = time.monotonic(), False
+                    idle = self._free(client, workers, idle)
                 elif time.monotonic() - lonely_s > NO_WORKER_S and not told:
                     told = True
-                    self._notice(f"no worker at {self._address}; start one: dask worker {self._address} --nthreads 1")
+                    self._notice(self._no_worker(len(workers)))
             time.sleep(_WATCH_S)
+
+    def _no_worker(self, paused: int) -> str:
+        if not paused:
+            return f"no worker at {self._address}; start one: dask worker {self._address} --nthreads 1"
+        return (
+            f"all workers at {self._address} ({paused}) are paused by Dask, as they use more memory than their limit allows; "
+            "start others, or these anew, with a higher --memory-limit or with --memory-limit 0"
+        )
+
+    def _free(self, client: Any, workers: Mapping[str, Mapping[str, Any]], before: frozenset[str]) -> frozenset[str]:
+        """Send the units again that wait on paused workers, where Dask leaves the last one (distributed #5235).
+
+        Args:
+            before: The last answer: what a worker executes is known only some time after it has begun.
+
+        Returns:
+            The paused workers that execute nothing.
+        """
+        idle = frozenset(
+            address
+            for address, each in workers.items()
+            if each["status"] == "paused" and not each["metrics"]["task_counts"].get("executing")
+        )
+        if held := idle & before:
+            waiting = {key for keys in client.processing([*held]).values() for key in keys}
+            with self._lock:
+                for job in [each for each in self._open.values() if each.future and each.future.key in waiting]:
+                    there = job.future
+                    self._send(job)
+                    there.cancel()  # only now, as it is no longer the job's own, whose cancellation means a lost scheduler
+        return idle
 
     def _send(self, job: _Job) -> None:
         job.sent += 1

@@ -3,7 +3,6 @@
 A worker shares only the store with the campaign. Importing this module imports Dask.
 """
 
-import asyncio
 import ctypes
 import functools
 import os
@@ -138,11 +137,11 @@ class UnitPlugin(WorkerPlugin):
         self.name = name
         self._before = before
 
-    async def setup(self, worker: Any) -> None:
-        """Make the call that units need, in a thread beside the worker's event loop."""
+    def setup(self, worker: Any) -> None:
+        """Begin the call that units need; a nanny gives up a worker that joins late (`--death-timeout`)."""
         self._worker = worker
         if self._before is not None:
-            await asyncio.get_running_loop().run_in_executor(None, self._prepare, self._before)
+            threading.Thread(target=self._prepare, args=(self._before,), name="vastflow prepares", daemon=True).start()
 
     def transition(self, key: Any, start: str, finish: str, **_: Any) -> None:
         """Interrupt a unit that was canceled while it ran."""
@@ -156,8 +155,9 @@ class UnitPlugin(WorkerPlugin):
     @staticmethod
     def _prepare(message: bytes) -> None:
         received: Message = pickle.loads(message)
-        if own_code()[0] == received.code and received.before is not None:
-            _prepared(received.before, received.place)
+        with suppress(Exception):  # units make the call again, and tell
+            if own_code()[0] == received.code and received.before is not None:
+                _prepared(received.before, received.place)
 
 
 def identity(dask_worker: Any) -> str:

@@ -1,11 +1,13 @@
 """Proofs in short: mutants of every kind of file, and the pipeline's benchmark."""
 
+import json
 import resource
+import sys
 import time
 
+import bench_cluster
 import psutil
 import pytest
-from bench_cluster import measured
 from bench_pipeline import SCENARIO, bench_pipeline, campaign_text
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
@@ -94,7 +96,9 @@ def test_edited_campaign_equals_fresh_run(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-def test_workers_of_cluster_are_busy_with_units_of_seconds(tmp_path):
-    found = measured(slots=8, ideal_s=10.0, folder=tmp_path)
+def test_workers_of_cluster_are_busy_with_units_of_seconds(capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["bench_cluster.py", "--slots", "8", "--seconds", "10", "--json"])
+    bench_cluster.main()
+    (found,) = json.loads(capsys.readouterr().out)
     assert (found["slots"], found["units"]) == (8, 80)
     assert found["efficiency"] > 0.5, "on a machine that others use"

@@ -204,6 +204,7 @@ class Place:
             "PYTHONPATH": os.pathsep.join(filter(None, [str(self._lab.folder / "code"), kept.get("PYTHONPATH")])),
             "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
             "VASTFLOW_STORE": str(self.store),
+            "XDG_CACHE_HOME": str(self._lab.folder / "cache"),
             MARK: self.mark,
             TRACE: str(self.folder / "trace"),
         }
@@ -369,10 +370,16 @@ class Crew:
         _killed(self._scheduler, *self._workers)
 
     def _begin(self) -> None:
-        self._place.scheduler_file.unlink(missing_ok=True)
+        before = self._address()  # a killed scheduler leaves its file
         self._scheduler = self._started("scheduler", "--port", "0")
-        _came(self._place.scheduler_file.exists)
+        _came(lambda: self._address() not in ("", before))
         self._workers = [self._worker() for _ in range(WORKERS)]
+
+    def _address(self) -> str:
+        """Return what the scheduler's file has, or nothing while there is none or it is being written."""
+        with contextlib.suppress(OSError, ValueError):
+            return str(json.loads(self._place.scheduler_file.read_text())["address"])
+        return ""
 
     def _worker(self) -> psutil.Popen:
         return self._started("worker", "--nthreads", "1", "--memory-limit", "0", "--death-timeout", "30")

