@@ -22,7 +22,7 @@ MAX_RATE_ROWS: Final = 60
 """Rows of the rate figure; beyond, it shows only families, and of these the worst."""
 _WIDTH_IN: Final = 10.0
 _MOST_LABELS: Final = 20
-"""Levels of a factor that are labelled on its axis; of more, evenly spaced ones."""
+"""Levels of a factor that its axis names; of more, evenly spaced ones."""
 
 
 def rates_figure(evidence: Mapping[str | None, Evidence]) -> Figure:
@@ -175,8 +175,8 @@ def _draw_factor(axes: Axes, factor: FactorEffect) -> None:
     means = [level.failed / max(level.runs, 1) for level in factor.levels]
     axes.plot(xs, means, "D-", ms=7, lw=2.4, color=color, mec="white", mew=0.8, zorder=3, clip_on=False)
     axes.set_title(_cut(factor.name, 48), fontsize=9, color=INK, loc="left", fontweight="bold", pad=9)
-    labelled = xs[:: -(-len(xs) // _MOST_LABELS)]
-    axes.set_xticks(labelled, [_cut(factor.levels[x].level, 84 // len(labelled)) for x in labelled], fontsize=8)
+    ticks = xs[:: -(-len(xs) // _MOST_LABELS)]
+    axes.set_xticks(ticks, [_cut(factor.levels[x].level, 84 // len(ticks)) for x in ticks], fontsize=8)
     axes.set_xlim(-0.4, len(xs) - 0.6)
     axes.set_ylim(0, 1)
     axes.set_yticks([0, 0.25, 0.5, 0.75, 1], ["0 %", "", "50 %", "", "100 %"], fontsize=7.5)

@@ -84,7 +84,7 @@ _M_TRIM_THRESHOLD: Final = -1
 
 
 def return_freed_memory() -> None:
-    """Let this process give freed memory back to the system at once, by glibc's malloc; call it before pyarrow is imported.
+    """Give freed memory back to the system at once from now on; to be called before pyarrow is imported.
 
     Tables come and go in blocks of megabytes. Arrow's own allocator keeps them, and so does glibc once it has seen one: a fifth of
     the peak of a large campaign.

@@ -181,7 +181,7 @@ class Tally:
             self._reused -= (bits & of.reused).bit_count()  # their recordings were damaged
             of.executed |= bits
             of.reused &= ~bits
-            if new:  # a run that is executed again takes the same simulated time
+            if new:  # of a run that is executed again the first time counts
                 runs = _runs(new)
                 took_s = sum(simulated_s[run] for run in runs)
                 self._simulated_s += took_s

@@ -82,7 +82,7 @@ def test_tally_matches_remembering_every_run(told):
         if what == "reuse":
             reused |= wanted.keys() - executed.keys()
         elif what == "execute":
-            executed |= {key: runs[run] for key, run in wanted.items()}
+            executed = {key: runs[run] for key, run in wanted.items()} | executed
             reused -= wanted.keys()
         else:
             judged |= {key: runs[run] for key, run in wanted.items()}
