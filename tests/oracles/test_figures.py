@@ -5,15 +5,19 @@ import json
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from PIL import Image
 
 from vastflow.oracles.figures import scene as scenes
 from vastflow.oracles.figures.case_figure import Case, PlanView, pair_figure, plan_view_figure
+from vastflow.oracles.figures.charts import factor_figure
 from vastflow.oracles.figures.maps import map_figure, zone_handles
 from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_extent_m, read_walks, scenes_of, zones_of
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.results.executed import environment_names
 from vastflow.oracles.results.tables import FAIL, PASS, read_tables
+from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
+from vastflow.oracles.statistics.intervals import Interval
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
@@ -190,3 +194,15 @@ def test_zones_of_scenarios_are_masks_of_enabled_filters(tmp_path):
     assert (len(found.keepout), found.speed) == (1, ())
     assert (found.keepout[0].cells == 100).all()
     assert zones_of([without]).keepout == ()
+
+
+def test_factor_figure_has_one_artist_for_all_situations_and_few_labels():
+    interval, claim = Interval(0.0, 1.0), Claim(0.5)
+    levels = [LevelEffect(str(k), 1, 2, None, None, 3, 0.5, 0.5, interval) for k in range(600)]
+    rates = [[None if (k + of) % 7 == 0 else 0.5 for k in range(600)] for of in range(50)]
+    effect = FactorEffect("x", levels, "0", "1", 0.0, (0.0, 0.0), 0.0, claim, claim, rates=rates)
+    (axes,) = factor_figure([effect]).axes
+    (lines,) = [each for each in axes.collections if isinstance(each, LineCollection)]
+    assert len(lines.get_segments()) == 50
+    assert len(axes.lines) == 2
+    assert [each.get_text() for each in axes.get_xticklabels()] == [str(k) for k in range(0, 600, 30)]

@@ -1,4 +1,4 @@
-"""The process of a campaign: interrupts, its end, and its garbage collection."""
+"""The process of a campaign: interrupts, its end, its garbage collection, and its memory."""
 
 import asyncio
 import gc
@@ -70,3 +70,30 @@ def test_garbage_collection_is_relaxed_inside_and_restored(threshold):
         assert gc.get_threshold() == (threshold, 10, 10)
     finally:
         gc.set_threshold(*before)
+
+
+GIVES_BACK = """
+import psutil
+
+from vastflow.tasks.engine.process import return_freed_memory
+
+return_freed_memory()
+import pyarrow as pa
+
+assert pa.default_memory_pool().backend_name == "system"
+pa.array(range(10))  # which imports
+process = psutil.Process()
+before = process.memory_info().rss
+tables = [pa.array(range(100_000)) for _ in range(100)]
+held = process.memory_info().rss - before
+del tables
+print(held, process.memory_info().rss - before)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only glibc's malloc is told")
+def test_freed_tables_leave_no_memory_behind():
+    printed = subprocess.run([sys.executable, "-c", GIVES_BACK], capture_output=True, text=True, check=True, timeout=60)
+    held, left = map(int, printed.stdout.split())
+    assert held > 70e6
+    assert left < held / 5

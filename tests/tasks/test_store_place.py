@@ -119,7 +119,7 @@ def test_refused_store_error_has_cause_and_remedy(shared_s3, s3_variables, monke
 
 
 @pytest.mark.slow
-def test_server_that_is_gone_is_named(start_s3, s3_variables):
+def test_error_names_unreachable_server(start_s3, s3_variables):
     server = start_s3()
     s3_variables(server)
     store = open_store("s3://bucket/x")

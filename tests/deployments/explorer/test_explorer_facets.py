@@ -184,7 +184,7 @@ def test_neighbor_passes_more_often_and_differs_least(table):
     assert [each["name"] for each in found["differences"] if each["own"] == each["other"]] == []
 
 
-def test_neighbor_is_none_where_all_pass_alike(table):
+def test_equal_configurations_have_no_neighbor(table):
     counts = np.tile([[8, 0, 0]], (CONFIGURATIONS, 1))
     assert neighbor(table, counts, 0) is None
 

@@ -207,7 +207,7 @@ def test_stop_of_an_ended_campaign_is_a_sentence(client, running, id_of):
     assert (reply.status_code, "expected a running campaign" in reply.json()["error"]) == (409, True)
 
 
-def test_events_that_are_a_link_are_not_read_for_the_list(client, running, tmp_path):
+def test_list_reads_no_linked_events(client, running, tmp_path):
     place = running()
     os.rename(place / EVENTS, tmp_path / "elsewhere")
     os.symlink(tmp_path / "elsewhere", place / EVENTS)
