@@ -31,17 +31,18 @@ def running(mark):
 
 
 def test_program_runs_in_host_time_while_the_robot_drives(staged):
-    code = program("import time; time.sleep(0.6); sum(k * k for k in range(1_000_000)); print('done')")
+    # Over a second, as shorter ones may be missing in the samples of memory: one may come before the interpreter is loaded.
+    code = program("import time; time.sleep(1.2); sum(k * k for k in range(1_000_000)); print('done')")
     text = f"parallel:\n    robot.nav_to_pose(near)\n    waited: run_process({code})"
     began_s = time.monotonic()
     execution = execute(staged(text), 0)
-    assert time.monotonic() - began_s >= 0.6
+    assert time.monotonic() - began_s >= 1.2
     ((t_s, status, message),) = ends(execution.recording, "waited")
     assert (status, message.endswith("exited with code 0")) == ("SUCCESS", True)
     assert 0.3 <= t_s <= 0.2 + time.monotonic() - began_s + PERIOD_S
     log = execution.log
     assert [(text.label, text.text.strip()) for text in log.texts] == [("waited", "done")]
-    assert log.cpu_s > 0.02 and log.max_rss_bytes > 2**20 and log.wall_s > 0.6
+    assert log.cpu_s > 0.02 and log.max_rss_bytes > 2**20 and log.wall_s > 1.2
     assert execution.recording.run.outcome == "succeeded"
 
 
