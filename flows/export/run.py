@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.csv
 
 from vastflow.flows.export.junit import Case, Flaw, Suite, suite_report
-from vastflow.flows.results.tables import FAULT
+from vastflow.flows.results.rows import FAULT
 from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.observation.trace import signal_name
 from vastflow.sim.model.blocks import Columns as Recorded

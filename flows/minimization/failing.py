@@ -7,7 +7,7 @@ from typing import Any
 
 import pyarrow.compute as pc
 
-from vastflow.flows.results.tables import FAULT
+from vastflow.flows.results.rows import FAULT
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.schema import read_columns, table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory, reading

@@ -49,8 +49,15 @@ def report_key(
     files = {name: hashlib.sha256(content).hexdigest() for name, content in inputs.files.items()}
     libraries = {name: importlib.metadata.version(name) for name in REPORT_LIBRARIES}
     said = [[oracle.name, inspect.getdoc(type(oracle))] for oracle in oracles]
-    for part in (keys.identity, same, libraries, hashlib.sha256(inputs.campaign).hexdigest(), files, said, place):
+    campaign = hashlib.sha256(inputs.campaign).hexdigest()
+    for part in (keys.identity, same, libraries, campaign, files, said, place, source_digest()):
         hashed.update(json.dumps(part).encode() + b"\n")
+    return hashed.hexdigest()
+
+
+def source_digest() -> str:
+    """Digest of the code and the templates that make tables and reports, as they are on disk."""
+    hashed = hashlib.sha256()
     for folder in written_by():
         for file in sorted(file for file in folder.rglob("*") if file.suffix in _WRITTEN_BY):
             hashed.update(f"{file.relative_to(folder)} {file_digest(file)}\n".encode())

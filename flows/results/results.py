@@ -8,9 +8,11 @@ import platform
 import shutil
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,8 +25,9 @@ from vastflow.flows.request.campaign_file import campaign_name, terminal_lines
 from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.provenance import origin_row
+from vastflow.flows.results.rows import KeptRows, StoredResult, one_block, parts, rows_of
 from vastflow.flows.results.summary import Results, Summary, Work
-from vastflow.flows.results.tables import RunTables, StoredResult, one_block, write_instantiation
+from vastflow.flows.results.tables import RunTables, write_instantiation
 from vastflow.oracles.results.executed import NAMED_FILES
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE
@@ -43,8 +46,6 @@ LOGGER: Final = logging.getLogger("vastflow.results")
 
 _GRAY: Final = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 """The gray values of ROS' map_saver."""
-_AHEAD: Final = 4
-"""Maximum number of configurations that a thread reads ahead, and keeps in memory."""
 _LIBRARIES: Final = ("llvmlite", "numba", "numpy", "prefect", "pyarrow", "pymunk", "scipy", "shapely")
 
 
@@ -64,6 +65,7 @@ def write_results(
     work: Callable[[], Work],
     report: Callable[[Path], None],
     threads: int = 1,
+    kept: KeptRows | None = None,
 ) -> Results:
     """Write a campaign directory: inputs, recordings, traces, tables, and the report.
 
@@ -79,6 +81,7 @@ def write_results(
         work: What the call has done so far.
         report: Writes evidence, figures and report into the directory it is given. What it raises
             is a fault of the campaign, but no reason to lose the tables.
+        kept: Rows of earlier calls, and where new ones are kept; None to make all.
 
     Raises:
         Lost: an artifact is damaged or gone.
@@ -90,10 +93,21 @@ def write_results(
     _write_environments(place / "environments", inputs.maps, instantiation.configurations)
     write_json(place / "coverage.json", instantiation.coverage)
     write_instantiation(place, instantiation)
+    for folder in ("recordings", "traces"):
+        (place / folder).mkdir()
     distinct = [each for each in instantiation.configurations if each.duplicate_of is None]
-    with RunTables(place, oracles) as tables:
-        for configuration, result in _written(place, distinct, found, runs, threads):
-            tables.add(configuration, result, runs[configuration.name])
+    with RunTables(place) as tables, _readers(threads) as each_of:
+        for part in parts(distinct):
+            key = kept.key((each, found(each), runs[each.name]) for each in part) if kept else None
+            rows = kept.find(key) if kept and key else None
+            written = each_of(partial(_written, place, found, runs), part)
+            if rows is None:
+                rows = rows_of(written, runs, oracles)
+                if kept and key:
+                    kept.put(key, rows)
+            else:
+                deque(written, maxlen=0)
+            tables.add(rows)
     excluded_by: dict[str, Counter[str]] = {}
     for instance in instantiation.excluded:
         excluded_by.setdefault(instance.family, Counter())[instance.constraint] += 1
@@ -158,47 +172,33 @@ def _write_outcome(place: Path, metadata: Mapping[str, Any], summary: Summary, f
     write_json(place / "metadata.json", whole)
 
 
-def _written(
-    place: Path,
-    configurations: Iterable[Configuration],
-    found: Callable[[Configuration], StoredResult],
-    runs: Mapping[str, int],
-    threads: int,
-) -> Iterator[tuple[Configuration, StoredResult]]:
-    """Write the files of configurations; yield each configuration with its results afterwards."""
-    for folder in ("recordings", "traces"):
-        (place / folder).mkdir()
-
-    def write(configuration: Configuration) -> tuple[Configuration, StoredResult]:
-        result, name = found(configuration), configuration.name
-        for folder, suffix, blocks, join in (
-            ("recordings", "parquet", result.recordings, one_block),
-            ("traces", "parquet", result.traces, one_block),
-            ("outputs", "zip", result.outputs, one_archive),
-        ):
-            whole = result.exact and len(blocks) == 1
-            if content := blocks[0] if whole else join(blocks, runs[name]):
-                os.makedirs(f"{place}/{folder}", exist_ok=True)
-                # pathlib and a buffer take as long as the file system
-                with open(f"{place}/{folder}/{name}.{suffix}", "wb", buffering=0) as file:
-                    file.write(content)
-        return configuration, result
-
+@contextmanager
+def _readers(threads: int) -> Iterator[Callable[..., Iterator[Any]]]:
+    """Yield `map`, in threads where there is more than one."""
     if threads == 1:
-        yield from map(write, configurations)
+        yield map
         return
-    waiting: deque[Future[tuple[Configuration, StoredResult]]] = deque()
     with ThreadPoolExecutor(threads) as pool:
-        try:
-            for configuration in configurations:
-                waiting.append(pool.submit(write, configuration))
-                if len(waiting) > threads * _AHEAD:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            for each in waiting:
-                each.cancel()
+        yield pool.map
+
+
+def _written(
+    place: Path, found: Callable[[Configuration], StoredResult], runs: Mapping[str, int], configuration: Configuration
+) -> tuple[Configuration, StoredResult]:
+    """Write the files of a configuration, and return it with its results."""
+    result, name = found(configuration), configuration.name
+    for folder, suffix, blocks, join in (
+        ("recordings", "parquet", result.recordings, one_block),
+        ("traces", "parquet", result.traces, one_block),
+        ("outputs", "zip", result.outputs, one_archive),
+    ):
+        whole = result.exact and len(blocks) == 1
+        if content := blocks[0] if whole else join(blocks, runs[name]):
+            os.makedirs(f"{place}/{folder}", exist_ok=True)
+            # pathlib and a buffer take as long as the file system
+            with open(f"{place}/{folder}/{name}.{suffix}", "wb", buffering=0) as file:
+                file.write(content)
+    return configuration, result
 
 
 def _write_environments(

@@ -2,10 +2,8 @@
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import cached_property
-from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Final, Self
@@ -13,122 +11,31 @@ from typing import IO, Any, Final, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vastflow.oracles.judgement.verdict import Judgement, Verdict, metrics_text, read_verdicts, run_judgement
-from vastflow.oracles.observation.trace import levelled
+from vastflow.flows.results.rows import Rows
+from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.results.schema import (
     BEHAVIORS_FILE,
-    CONFIGURATION,
     CONFIGURATIONS,
     EXCLUSIONS,
     JUDGED_RUNS,
     REJECTIONS,
-    RUNS,
     VERDICTS,
-    Columns,
     Row,
     TableWriter,
-    column_table,
     json_text,
-    texts,
     write_table,
 )
 from vastflow.oracles.statistics.intervals import Counts
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
-from vastflow.sim.loop.standstill import STOOD_STILL
-from vastflow.sim.model.archive import behaviors_below, read_behaviors
-from vastflow.sim.model.blocks import read_block, read_rows, write_block
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.tasks.engine.engine import RunFault
-from vastflow.tasks.engine.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES
-from vastflow.tasks.engine.work import VERDICTS as VERDICTS_FILE
-from vastflow.tasks.store.artifact import Stored
-from vastflow.tasks.store.store import Store
-
-FAULT: Final = "fault"
-"""Prefix of the reason of a missing verdict."""
 
 LOGS_FILE: Final = "logs/runs.jsonl"
 """A line for each block of runs: `configuration`, where and with what they were executed, and `runs`."""
 
 _BEHAVIORS_A_GROUP: Final = 1 << 16
-_CONFIGURATIONS_AT_A_TIME: Final = 64
-_COPIED: Final = [name for name in RUNS.names if name not in ("configuration", "family", "contacts", "stood_still")]
-_COPIED_OF: Final = itemgetter(*_COPIED)
-
-
-class StoredResult:
-    """Stored artifacts of a configuration, read on demand; reading raises `Lost` where something is damaged."""
-
-    def __init__(self, store: Store, stored: Sequence[Stored], runs: int, faults: Sequence[RunFault]) -> None:
-        self.faults = faults
-        self.exact = len(stored) == 1 and stored[0].block.stop <= runs
-        self._store = store
-        self._stored = stored
-
-    @cached_property
-    def recordings(self) -> Sequence[bytes]:
-        """Blocks of recordings."""
-        return [self._store.load(each.recordings, RECORDINGS) for each in self._stored]
-
-    @property
-    def traces(self) -> Sequence[bytes]:
-        """Blocks of traces."""
-        return [self._store.load(each.trace, TRACES) for each in self._stored if each.trace]
-
-    @property
-    def verdicts(self) -> Sequence[Verdict]:
-        """Verdicts on any runs, in any order."""
-        contents = (self._store.load(each.verdicts, VERDICTS_FILE) for each in self._stored if each.verdicts)
-        return [verdict for content in contents for verdict in read_verdicts(content)]
-
-    @property
-    def causes(self) -> Mapping[int, str]:
-        """Run index to the cause of its failure, see `vastflow.oracles.judgement.cause`."""
-        judged = (each.verdicts for each in self._stored if each.verdicts)
-        return {int(run): str(cause) for verdicts in judged for run, cause in verdicts.info["causes"]}
-
-    @property
-    def behaviors(self) -> Sequence[bytes]:
-        """Blocks of the scenarios' behaviors, as `vastflow.sim.model.archive` writes them."""
-        return [self._store.load(each.recordings, BEHAVIORS) for each in self._stored]
-
-    @property
-    def outputs(self) -> Sequence[bytes]:
-        """Blocks of the programs' outputs, as `vastflow.sim.model.archive` writes them."""
-        having = (each.recordings for each in self._stored if OUTPUTS in each.recordings.files)
-        return [self._store.load(recordings, OUTPUTS) for recordings in having]
-
-    @property
-    def logs(self) -> Sequence[bytes]:
-        """Run logs, as `vastflow.tasks.engine.work` writes them."""
-        found = (self._store.beside(each.recordings.key, RUN_LOG) for each in self._stored)
-        return [log for log in found if log]
-
-
-def one_block(blocks: Sequence[bytes], runs: int) -> bytes:
-    """All runs below `runs` as one block in order: the same bytes however they were blocked; empty without any."""
-    if len(blocks) == 1 and all(row["run_index"] < runs for row in read_rows(blocks[0])):
-        return blocks[0]
-    found = {row["run_index"]: (row, columns) for block in blocks for row, columns in read_block(block)}
-    wanted = [found[index] for index in sorted(found) if index < runs]
-    return write_block([row for row, _ in wanted], levelled([columns for _, columns in wanted])) if wanted else b""
-
-
-def complete(result: StoredResult, runs: int, oracles: Sequence[str]) -> list[Verdict]:
-    """Return a verdict for each run and oracle; missing ones are `not judged`, with the fault as reason."""
-    said = {(verdict.run_index, verdict.oracle): verdict for verdict in result.verdicts}
-
-    def reason(run: int) -> str:
-        fault = next((each for each in result.faults if each.run_index in (None, run)), None)
-        return f"{FAULT}: there is no verdict" if fault is None else f"{FAULT} in {fault.stage}: {fault.error}"
-
-    return [
-        said.get((run, oracle)) or Verdict(oracle, run, "not judged", reason(run))
-        for run in range(runs)
-        for oracle in oracles
-    ]
 
 
 def configuration_row(configuration: Configuration) -> Row:
@@ -172,50 +79,20 @@ def instance_row(instance: RejectedInstance | ExcludedInstance, schema: pa.Schem
     return {name: value if isinstance(value, str) else json_text(value) for name, value in values.items()}
 
 
-def run_columns(configuration: Configuration, runs: Sequence[Row]) -> Columns:
-    """Columns of `runs.parquet`, from rows of a configuration's runs in a block."""
-    copied = zip(*map(_COPIED_OF, runs), strict=True) if runs else ((),) * len(_COPIED)
-    return {
-        "configuration": [configuration.name] * len(runs),
-        "family": [configuration.family] * len(runs),
-        **dict(zip(_COPIED, copied, strict=True)),
-        "contacts": [sum(event["kind"] == "contact" for event in run["events"]) for run in runs],
-        "stood_still": [
-            next((event["what"] for event in run["events"] if event["kind"] == STOOD_STILL), None) for run in runs
-        ],
-    }
-
-
-def verdict_columns(configuration: Configuration, verdicts: Sequence[Verdict]) -> Columns:
-    """Columns of `verdicts.parquet`."""
-    return {
-        "configuration": [configuration.name] * len(verdicts),
-        "family": [configuration.family] * len(verdicts),
-        **{name: [getattr(each, name) for each in verdicts] for name in ("run_index", "oracle", "judgement", "reason")},
-        "metrics": [metrics_text(verdict.metrics) for verdict in verdicts],
-    }
-
-
 class RunTables:
     """Writes `runs.parquet`, `verdicts.parquet`, `behaviors.parquet`, and the run logs part by part, and counts.
-
-    Few runs are in memory at a time.
 
     Attributes:
         stood_still: Number of failed runs whose robot was sent and never moved.
         faults: Of the added configurations.
     """
 
-    def __init__(self, place: Path, oracles: Sequence[str]) -> None:
+    def __init__(self, place: Path) -> None:
         self.stood_still = 0
         self.faults: list[RunFault] = []
         self._place = place
-        self._oracles = oracles
         self._counted: Counter[tuple[str | None, Judgement]] = Counter()
-        self._runs: list[Columns] = []
-        self._verdicts: list[Columns] = []
         self._behaviors: list[pa.Table] = []
-        self._waiting = 0
         self._open = ExitStack()
         self._run_rows = self._open.enter_context(TableWriter(place / "runs.parquet", JUDGED_RUNS))
         self._verdict_rows = self._open.enter_context(TableWriter(place / "verdicts.parquet", VERDICTS))
@@ -229,7 +106,6 @@ class RunTables:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         if kind is None:
-            self._flush()
             self._flush_behaviors()
         self._open.__exit__(kind, error, traceback)
 
@@ -237,58 +113,28 @@ class RunTables:
         """Count the added runs by what one oracle says, or all together."""
         return Counts(*(self._counted[oracle, judgement] for judgement in ("pass", "fail", "not judged")))
 
-    def add(self, configuration: Configuration, found: StoredResult, runs: int) -> None:
-        """Add the results of a configuration's first `runs` runs; call in order of configurations."""
-        rows = {row["run_index"]: row for block in found.recordings for row in read_rows(block)}
-        wanted = [rows[index] for index in sorted(rows) if index < runs]
-        causes = found.causes
-        columns = {**run_columns(configuration, wanted), "cause": [causes.get(row["run_index"]) for row in wanted]}
-        self.stood_still += sum(cause is not None for cause in columns["stood_still"])
-        verdicts = complete(found, runs, self._oracles)  # run by run
-        self._counted.update((verdict.oracle, verdict.judgement) for verdict in verdicts)
-        oracles = len(self._oracles)
-        for first in range(0, len(verdicts), oracles):
-            together = run_judgement(each.judgement for each in verdicts[first : first + oracles])
-            self._counted[None, together] += 1
-        self._runs.append(columns)
-        self._verdicts.append(verdict_columns(configuration, verdicts))
-        if len(self._runs) == _CONFIGURATIONS_AT_A_TIME:
-            self._flush()
-        blocks = found.behaviors
-        behaviors = read_behaviors(blocks[0]) if found.exact and blocks else behaviors_below(blocks, runs)
-        if behaviors is not None:
-            names = texts([configuration.name] * behaviors.num_rows)
-            self._behaviors.append(behaviors.add_column(0, CONFIGURATION, names))
-            self._waiting += behaviors.num_rows
-            if self._waiting >= _BEHAVIORS_A_GROUP:
+    def add(self, rows: Rows) -> None:
+        """Add the rows of a part; call in order of configurations."""
+        self._run_rows.add(rows.runs)
+        self._verdict_rows.add(rows.verdicts)
+        self._counted.update(rows.counted)
+        self.stood_still += rows.stood_still
+        self.faults += rows.faults
+        if rows.behaviors is not None:
+            self._behaviors.append(rows.behaviors)
+            if sum(each.num_rows for each in self._behaviors) >= _BEHAVIORS_A_GROUP:
                 self._flush_behaviors()
-        self._add_logs(configuration.name, found.logs)
-        self.faults += found.faults
-
-    def _add_logs(self, configuration: str, logs: Sequence[bytes]) -> None:
-        """Write the logs of a configuration's blocks; leave out damaged ones, which no digest covers."""
-        for log in logs:
-            try:
-                if not isinstance(json.loads(log)["runs"], list):
-                    continue
-            except (ValueError, LookupError, TypeError):
-                continue
+        if rows.logs:
             if self._logs is None:
                 (self._place / LOGS_FILE).parent.mkdir(exist_ok=True)
                 self._logs = self._open.enter_context(open(self._place / LOGS_FILE, "wb"))  # noqa: SIM115
-            block = b"".join(line.strip() for line in log.splitlines())  # JSON has no line break within a text
-            self._logs.write(b'{"configuration": %b, %b\n' % (json.dumps(configuration).encode(), block[1:]))
-
-    def _flush(self) -> None:
-        self._run_rows.add(column_table(JUDGED_RUNS, self._runs))
-        self._verdict_rows.add(column_table(VERDICTS, self._verdicts))
-        self._runs, self._verdicts = [], []
+            self._logs.write(rows.logs)
 
     def _flush_behaviors(self) -> None:
         if not self._behaviors:
             return
         whole = pa.concat_tables(self._behaviors).combine_chunks()
-        self._behaviors, self._waiting = [], 0
+        self._behaviors = []
         if self._behavior_rows is None:
             writer = pq.ParquetWriter(self._place / BEHAVIORS_FILE, whole.schema, compression="zstd")
             self._behavior_rows = self._open.enter_context(writer)

@@ -10,8 +10,8 @@ from vastflow.flows.request.run_request import SEARCH
 from vastflow.flows.results.current_report import KEY, newest_sealed, report_key, seal, written_by
 from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.results import metadata_of, write_results
+from vastflow.flows.results.rows import KeptRows, StoredResult
 from vastflow.flows.results.summary import Results, Summary
-from vastflow.flows.results.tables import StoredResult
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.event_log import EventLog, ended
 from vastflow.flows.run.judged import Judged
@@ -42,8 +42,11 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: E
     for fault in judged.faults:
         computing.tally.fault(fault.configuration, fault.run_index, fault.stage, fault.error)
     record = _record(run)
-    if not judged.faults and not engine.faults and _is_by_its_source(run):
-        record[KEY] = _key(run, computing)
+    kept = None
+    if _is_by_its_source(run):
+        kept = KeptRows(run.store, _oracles(run))
+        if not judged.faults and not engine.faults:
+            record[KEY] = _key(run, computing)
 
     def report(place: Path) -> None:
         from vastflow.oracles.page.report import write_report
@@ -57,7 +60,7 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: E
     with log.directory.writing() as place:
         if run.search is not None:
             write_search(place, run.search)
-        written = write_judged(run, computing, judged, log.directory, record, report)
+        written = write_judged(run, computing, judged, log.directory, record, report, kept)
     if steps := steps_of(run.campaign.spec.results_processing.postprocessing):
         from vastflow.flows.postprocessing.postprocess import postprocessed
 
@@ -79,8 +82,12 @@ def write_judged(
     directory: NewDirectory,
     record: Mapping[str, Any],
     report: Callable[[Path], None],
+    kept: KeptRows | None = None,
 ) -> Results:
     """Write the tables of judged runs into a directory, and whatever `report` makes of them.
+
+    Args:
+        kept: See `write_results`.
 
     Raises:
         Lost: an artifact is damaged or gone.
@@ -102,7 +109,7 @@ def write_judged(
         judged.instantiated.instantiation,
         found,
         runs=judged.runs,
-        oracles=[oracle.name for oracle in run.opened.oracles],
+        oracles=_oracles(run),
         keys=run.keys,
         record=record,
         faults=judged.faults,
@@ -110,7 +117,12 @@ def write_judged(
         work=run.work,
         report=report,
         threads=1 if store_address(run.request.store) is None else _REMOTE_READERS,
+        kept=kept,
     )
+
+
+def _oracles(run: PreparedCampaign) -> list[str]:
+    return [oracle.name for oracle in run.opened.oracles]
 
 
 def current(run: PreparedCampaign, computing: Computing) -> Results | None:

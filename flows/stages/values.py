@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import pyarrow as pa
 
 from vastflow.flows.request.campaign_file import OpenCampaign
-from vastflow.flows.results.tables import StoredResult, complete, configuration_row, run_columns, verdict_columns
+from vastflow.flows.results.rows import StoredResult, complete, run_columns, verdict_columns
+from vastflow.flows.results.tables import configuration_row
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.judgement.verdict import Verdict, run_judgement
 from vastflow.oracles.results.schema import CONFIGURATIONS, RUNS, VERDICTS, Columns, column_table

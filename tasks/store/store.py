@@ -31,7 +31,7 @@ __all__ += ["is_address", "store_address", "store_root"]
 LOGGER: Final = logging.getLogger("vastflow.store")
 
 VARIABLE: Final = "VASTFLOW_STORE"
-STAGES: Final = ("evaluate", "search", "execute", "observe", "judge", "bundle", "report")
+STAGES: Final = ("evaluate", "search", "execute", "observe", "judge", "bundle", "rows", "report")
 """The first name of an artifact's key; a store's place may hold other things beside them."""
 
 _TRIES: Final = 100

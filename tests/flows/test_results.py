@@ -14,8 +14,8 @@ from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.results.results import write_map
+from vastflow.flows.results.rows import complete, one_block
 from vastflow.flows.results.summary import Summary
-from vastflow.flows.results.tables import complete, one_block
 from vastflow.oracles.judgement.verdict import Metric, Verdict
 from vastflow.oracles.observation.trace import NOWHERE_MM
 from vastflow.oracles.page.report import write_report

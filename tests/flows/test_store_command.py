@@ -53,7 +53,7 @@ def test_info_counts_artifacts_and_bytes_by_stage(ran, store):
     grow_old(store, 3)
     ran("0.02", "0.05")
     found = reported("info")
-    counts = {"evaluate": 2, "search": 0, "execute": 3, "observe": 3, "judge": 3, "bundle": 0, "report": 0}
+    counts = {"evaluate": 2, "search": 0, "execute": 3, "observe": 3, "judge": 3, "bundle": 0, "rows": 0, "report": 0}
     assert {stage: row["artifacts"] for stage, row in found["stages"].items()} == counts
     assert (found["artifacts"], found["unfinished"]) == (11, 0)
     assert found["bytes"] == sum(row["bytes"] for row in found["stages"].values()) > 0

@@ -10,15 +10,8 @@ import pytest
 from table import each_row
 from whole_directory import ConfigurationResult
 
-from vastflow.flows.results.tables import (
-    LOGS_FILE,
-    KeptLogs,
-    RunTables,
-    configuration_row,
-    instance_row,
-    run_columns,
-    verdict_columns,
-)
+from vastflow.flows.results.rows import rows_of, run_columns, verdict_columns
+from vastflow.flows.results.tables import LOGS_FILE, KeptLogs, RunTables, configuration_row, instance_row
 from vastflow.oracles.judgement.verdict import Metric, Verdict, read_verdicts, write_verdicts
 from vastflow.oracles.results import schema
 from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS, json_text, write_table
@@ -130,10 +123,11 @@ def found_of(*blocks, judgement="pass", **more):
 
 def written(place, *results):
     place.mkdir(exist_ok=True)
-    with RunTables(place, ORACLES) as found:
+    scenario = Scenario("builtin:navigate_to_pose", 1.0, {}, {}, {})
+    with RunTables(place) as found:
         for name, result in zip(NAMES, results, strict=False):
-            own = Configuration(name, "room", Scenario("builtin:navigate_to_pose", 1.0, {}, {}, {}), {}, {}, ())
-            found.add(own, result, 3)
+            own = Configuration(name, "room", scenario, {}, {}, ())
+            found.add(rows_of([(own, result)], {name: 3}, ORACLES))
     return found
 
 

@@ -19,7 +19,7 @@ from vastflow.tasks.keys.keys import Keys
 
 @dataclass(frozen=True, slots=True)
 class ConfigurationResult:
-    """A `vastflow.flows.results.tables.StoredResult` of values."""
+    """A `vastflow.flows.results.rows.StoredResult` of values."""
 
     recordings: Sequence[bytes] = ()
     traces: Sequence[bytes] = ()
@@ -30,6 +30,7 @@ class ConfigurationResult:
     logs: Sequence[bytes] = ()
     exact: bool = False
     causes: Mapping[int, str] = field(default_factory=dict)
+    identity: None = None
 
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
