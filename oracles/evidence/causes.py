@@ -94,9 +94,8 @@ def standstills_of(tables: Tables) -> Standstills:
     """The standstills of a campaign; empty for a directory of an earlier version."""
     if "stood_still" not in tables.runs.column_names:
         return Standstills({}, {})
-    columns = tables.runs["configuration"].to_pylist(), tables.runs["stood_still"].to_pylist()
-    found = [(name, cause) for name, cause in zip(*columns, strict=True) if cause is not None]
-    names, causes = (Counter(each[k] for each in found) for k in (0, 1))
+    found = tables.runs.filter(tables.runs["stood_still"].is_valid())
+    names, causes = (Counter(found[name].to_pylist()) for name in ("configuration", "stood_still"))
     return Standstills(dict(causes.most_common()), dict(names))
 
 

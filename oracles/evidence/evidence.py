@@ -1,7 +1,7 @@
 """Evidence: rates and intervals of a campaign, its families, and its configurations."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, Final
@@ -109,8 +109,8 @@ def evidence_json(
     evidence: Mapping[str | None, Evidence],
     spreads: Mapping[str, Mapping[str, Spread]],
     findings: Mapping[str, Any],
-) -> str:
-    """`evidence.json`: counts, rates and intervals of the campaign, its families and its configurations.
+) -> Iterator[str]:
+    """Pieces of `evidence.json`: counts, rates and intervals of the campaign, its families and its configurations.
 
     Args:
         spreads: As of `spreads_of`.
@@ -132,7 +132,8 @@ def evidence_json(
         "duplicates": tables.configurations.duplicates,
         **findings,
     }
-    return "".join(_lines(document)) + "\n"
+    yield from _lines(document)
+    yield "\n"
 
 
 def _document(evidence: Evidence, spreads: Mapping[str, Spread]) -> dict[str, Any]:
@@ -141,16 +142,16 @@ def _document(evidence: Evidence, spreads: Mapping[str, Spread]) -> dict[str, An
         clustered = asdict(of.clustered) if of.clustered else None
         return {**rates, "configurations": of.configurations, "clustered": clustered}
 
-    configurations = _with_intervals(list(evidence.configurations.values()))
+    configurations = _with_intervals(evidence.configurations.values())
     return {
         "campaign": group(evidence.campaign),
         "families": {name: group(each) for name, each in evidence.families.items()},
-        "configurations": dict(zip(evidence.configurations, configurations, strict=True)),
+        "configurations": zip(evidence.configurations, configurations, strict=True),
         "metrics": {name: asdict(spread) for name, spread in spreads.items()},
     }
 
 
-def _with_intervals(of: Sequence[Counts]) -> Iterator[dict[str, Any]]:
+def _with_intervals(of: Collection[Counts]) -> Iterator[dict[str, Any]]:
     passed, judged = [counts.passed for counts in of], [counts.judged for counts in of]
     wilson, exact = wilson_intervals(passed, judged).tolist(), clopper_pearson_intervals(passed, judged).tolist()
     for counts, ends, exact_ends in zip(of, wilson, exact, strict=True):
@@ -165,13 +166,14 @@ def _with_intervals(of: Sequence[Counts]) -> Iterator[dict[str, Any]]:
 
 
 def _lines(value: Any, depth: int = 1) -> Iterator[str]:
-    """JSON of `value`, one line for each value three levels deep."""
-    if not isinstance(value, dict) or not value or depth > 3:
-        yield json.dumps(value, ensure_ascii=False, allow_nan=False)
+    """JSON of `value`, one line for each value three levels deep; an iterator of pairs is an object that is not held."""
+    if depth > 3 or not isinstance(value, dict | Iterator):
+        whole = dict(value) if isinstance(value, Iterator) else value
+        yield json.dumps(whole, ensure_ascii=False, allow_nan=False)
         return
-    separator = "{"
-    for key, item in value.items():
-        yield f"{separator}\n{' ' * depth}{json.dumps(key, ensure_ascii=False)}: "
+    before = "{"
+    for key, item in value.items() if isinstance(value, dict) else value:
+        yield f"{before}\n{' ' * depth}{json.dumps(key, ensure_ascii=False)}: "
         yield from _lines(item, depth + 1)
-        separator = ","
-    yield "\n" + " " * (depth - 1) + "}"
+        before = ","
+    yield "{}" if before == "{" else "\n" + " " * (depth - 1) + "}"

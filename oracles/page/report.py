@@ -59,16 +59,17 @@ def write_report(directory: Path) -> None:
         OSError: a table that should be there is not.
         ValueError: a table is damaged.
     """
-    facts = Facts(read_tables(directory))
+    tables = read_tables(directory)
+    write_wide(directory, wide_table(tables))  # before the facts, as it takes most memory of all
+    facts = Facts(tables)
     said = {
         **findings_json(facts.findings),
         "causes": causes_json(facts.causes),
         "stood_still": {"runs": facts.stood.runs, **asdict(facts.stood)},
         "separates_nothing": criteria_json(facts.criteria),
     }
-    evidence = evidence_json(facts.tables, facts.evidence, facts.spreads, said)
-    (directory / "evidence.json").write_text(evidence, encoding="utf-8")
-    write_wide(directory, wide_table(facts.tables))
+    with open(directory / "evidence.json", "w", encoding="utf-8") as file:
+        file.writelines(evidence_json(tables, facts.evidence, facts.spreads, said))
     shown = [found for section in SECTIONS if (found := section(facts)) is not None]
     contrasts = contrast_pictures(facts.findings.designs)
     pictures = [*contrasts.values(), *(picture for section in shown for picture in section.pictures)]
