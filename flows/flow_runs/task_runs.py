@@ -65,7 +65,7 @@ class TaskRuns:
         self._futures: list[PrefectFuture[Any]] = []
         self._free: dict[str, threading.Semaphore] = {}
         self._evaluations: dict[str, list[PrefectFuture[Any]]] = {}
-        self._recorded = 0
+        self._ended = self._recorded = 0
 
     def map(self, stage: str, shards: Sequence[Any], *upstream: Sequence[Any]) -> "list[PrefectFuture[Any]]":
         """Submit a task run for each shard, with one active task run per worker at most.
@@ -117,7 +117,10 @@ class TaskRuns:
                 self.engine.add_faults(
                     [RunFault(configuration.name, None, "flow", error) for configuration in shard.configurations]
                 )
-        if len(self._futures) - self._recorded >= MOST_UNRECORDED:
+        left = [future for future in self._futures if not future.state.is_final()]
+        self._ended += len(self._futures) - len(left)
+        self._futures = left  # the others hold their shards and what they made
+        if self._ended - self._recorded >= MOST_UNRECORDED:
             self.record()
 
     def end(self) -> None:
@@ -147,8 +150,8 @@ class TaskRuns:
     def record(self) -> None:
         """Wait until the server has recorded the task runs that have ended."""
         self.end()
-        drain(self._flow_run_id, sum(future.state.is_final() for future in self._futures))
-        self._recorded = len(self._futures)
+        self._recorded = self._ended + sum(future.state.is_final() for future in self._futures)
+        drain(self._flow_run_id, self._recorded)
 
 
 @contextmanager

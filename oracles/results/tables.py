@@ -239,7 +239,7 @@ def together(said: NDArray[np.int8]) -> NDArray[np.int8]:
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """The tables of a campaign directory, in columns; `campaign` is the text of the campaign file, `runs` has no seeds."""
+    """The tables of a campaign directory, in columns; `campaign` is the text of the campaign file, `runs` has no seeds and no families."""
 
     directory: Path
     metadata: Mapping[str, Any]
@@ -277,7 +277,7 @@ def read_verdicts(directory: Path, names: list[str]) -> VerdictTable:
         ValueError: it does not suit `names`.
     """
     file = directory / "verdicts.parquet"
-    verdicts = read_columns(file, "configuration", "family", "oracle", "judgement", "reason", without=METRICS)
+    verdicts = read_columns(file, "configuration", "oracle", "judgement", "reason", without=(METRICS, "family"))
     return VerdictTable(verdicts, names, file)
 
 
@@ -303,6 +303,6 @@ def read_tables(directory: Path) -> Tables:
         campaign=read_text(directory / "campaign.vast"),
         configurations=configurations,
         rejections=read_columns(directory / "rejections.parquet").to_pylist(),
-        runs=read_columns(directory / "runs.parquet", "configuration", "family", "outcome", "reason", without="seed"),
+        runs=read_columns(directory / "runs.parquet", "configuration", "outcome", "reason", without=("seed", "family")),
         verdicts=verdicts,
     )

@@ -10,7 +10,7 @@ from vastflow.tasks.store.artifact import Block, Stored
 from vastflow.tasks.store.store import Artifact, Store
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class ConfigurationRuns:
     """A distinct scenario of a campaign with its wanted runs.
 

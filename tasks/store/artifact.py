@@ -120,7 +120,7 @@ def artifact_of(key: str, manifest: bytes) -> Artifact:
     for name in (*files, *dict(info.get("places", {})).values()):
         inside(Path(), str(name))
     entries = {sys.intern(name): FileEntry(**entry) for name, entry in files.items()}
-    return Artifact(key, entries, info_text(info))
+    return Artifact(key, entries, sys.intern(info_text(info)))  # of most configurations alike
 
 
 def present(key: str, manifest: bytes, size_bytes: Callable[[str, FileEntry], int]) -> Artifact:
