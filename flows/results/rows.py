@@ -243,7 +243,9 @@ def parts(configurations: Iterable[Configuration]) -> Iterator[list[Configuratio
         yield part
 
 
-_RUNS_FILE, _VERDICTS_FILE, _LOGS = "runs.arrow", "verdicts.arrow", "logs.jsonl"
+_RUNS: Final = "runs.arrow"
+_VERDICTS: Final = "verdicts.arrow"
+_LOGS: Final = "logs.jsonl"
 
 
 class KeptRows:
@@ -269,14 +271,14 @@ class KeptRows:
             files = {name: self._store.load(artifact, name) for name in artifact.files}
         except Lost:
             return None
-        runs, verdicts = (pa.ipc.open_stream(files[name]).read_all() for name in (_RUNS_FILE, _VERDICTS_FILE))
+        runs, verdicts = (pa.ipc.open_stream(files[name]).read_all() for name in (_RUNS, _VERDICTS))
         behaviors = pa.ipc.open_stream(files[BEHAVIORS]).read_all() if BEHAVIORS in files else None
         counted = {(oracle, judgement): count for oracle, judgement, count in artifact.info["counted"]}
         return Rows(runs, verdicts, behaviors, files[_LOGS], counted, artifact.info["stood_still"])
 
     def put(self, key: str, rows: Rows) -> None:
         """Keep the rows of a part."""
-        files = {_RUNS_FILE: _stream(rows.runs), _VERDICTS_FILE: _stream(rows.verdicts), _LOGS: rows.logs}
+        files = {_RUNS: _stream(rows.runs), _VERDICTS: _stream(rows.verdicts), _LOGS: rows.logs}
         if rows.behaviors is not None:
             files[BEHAVIORS] = _stream(rows.behaviors)
         counted = [[oracle, judgement, count] for (oracle, judgement), count in rows.counted.items()]
