@@ -146,10 +146,11 @@ class VerdictTable:
         if unknown := {*judgements} - {*CODES}:
             raise ValueError(f"verdicts.parquet has the judgement {min(unknown)!r}; it can be {', '.join(CODES)}")
         place = np.array([places[name] for name in judged], dtype=np.int64)[configuration]
-        runs, self._run = np.unique(run_keys(place, integers(table["run_index"])), return_inverse=True)
+        runs, of_run = np.unique(run_keys(place, integers(table["run_index"])), return_inverse=True)
+        self._run = of_run.astype(np.int32)
         self.configuration, self.run_index = runs // _RUNS, runs % _RUNS
-        self._oracle, oracles = codes(table["oracle"])
-        self.oracles = tuple(oracles)
+        oracle, oracles = codes(table["oracle"])
+        self._oracle, self.oracles = oracle.astype(np.int16), tuple(oracles)
         code = np.array([CODES[text] for text in judgements], dtype=np.int8)  # type: ignore[index]
         self._said = code[said]
         self.judgements = np.full((len(runs), len(oracles)), ABSENT, dtype=np.int8)
@@ -213,7 +214,7 @@ class VerdictTable:
             return text_batches(self._file, METRICS, _PARSED_ROWS)
         return (batch[0] for batch in self.table.select([METRICS]).to_batches(_PARSED_ROWS))
 
-    def _read_metrics(self, lines: list[str], runs: NDArray[np.int64], found: dict[str, MetricColumn]) -> None:
+    def _read_metrics(self, lines: list[str], runs: NDArray[np.int32], found: dict[str, MetricColumn]) -> None:
         if all(line == "{}" for line in lines):  # of which pyarrow makes no rows
             return
         content = "\n".join(lines).encode()

@@ -51,7 +51,9 @@ class Artifact:
     @property
     def content(self) -> str:
         """Digest of the files' names and contents."""
-        return digest({name: entry.sha256 for name, entry in self.files.items()})
+        return sys.intern(
+            digest({name: entry.sha256 for name, entry in self.files.items()})
+        )  # blocks and rows have it too
 
 
 @dataclass(frozen=True, slots=True)
