@@ -70,9 +70,14 @@ def seal(directory: Path) -> None:
         (directory / _FILES).write_text(json.dumps(_states(directory), separators=(",", ":")), encoding="utf-8")
 
 
+def newest(root: Path, name: str) -> Path | None:
+    """Return the newest directory of a campaign."""
+    return max(root.glob(f"{directory_name(name)}-????-??-??-??????*"), default=None)
+
+
 def newest_sealed(root: Path, name: str) -> Path | None:
     """Return the newest directory of a campaign if none of its files changed."""
-    directory = max(root.glob(f"{directory_name(name)}-????-??-??-??????*"), default=None)
+    directory = newest(root, name)
     try:
         return directory if directory and read_json(directory / _FILES).items() <= _states(directory).items() else None
     except (OSError, ValueError, AttributeError):

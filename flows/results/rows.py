@@ -4,9 +4,11 @@ import io
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from operator import itemgetter
+from pathlib import Path
 from typing import Final
 
 import pyarrow as pa
@@ -32,7 +34,7 @@ from vastflow.sim.model.digest import Value, digest
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES
 from vastflow.tasks.engine.work import VERDICTS as VERDICTS_FILE
-from vastflow.tasks.store.artifact import Lost, Stored
+from vastflow.tasks.store.artifact import Artifact, Lost, Stored, entry_of
 from vastflow.tasks.store.store import Store
 
 FAULT: Final = "fault"
@@ -42,13 +44,33 @@ _COPIED_OF: Final = itemgetter(*_COPIED)
 
 
 class StoredResult:
-    """Stored artifacts of a configuration, read on demand; reading raises `Lost` where something is damaged."""
+    """Stored artifacts of a configuration, read on demand; reading raises `Lost` where something is damaged.
 
-    def __init__(self, store: Store, stored: Sequence[Stored], runs: int, faults: Sequence[RunFault]) -> None:
+    Args:
+        copies: Earlier copies of files in their campaign directory, which are read instead where their content is the same.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        stored: Sequence[Stored],
+        runs: int,
+        faults: Sequence[RunFault],
+        copies: Mapping[str, Path] | None = None,
+    ) -> None:
         self.faults = faults
         self.exact = len(stored) == 1 and stored[0].block.stop <= runs
         self._store = store
         self._stored = stored
+        self._copies = copies or {}
+
+    def _read(self, artifact: Artifact, name: str) -> bytes:
+        if (copy := self._copies.get(name)) is not None:
+            with suppress(OSError):
+                content = copy.read_bytes()
+                if entry_of(content) == artifact.files[name]:
+                    return content
+        return self._store.load(artifact, name)
 
     @property
     def identity(self) -> Value:
@@ -71,12 +93,12 @@ class StoredResult:
     @cached_property
     def recordings(self) -> Sequence[bytes]:
         """Blocks of recordings."""
-        return [self._store.load(each.recordings, RECORDINGS) for each in self._stored]
+        return [self._read(each.recordings, RECORDINGS) for each in self._stored]
 
     @property
     def traces(self) -> Sequence[bytes]:
         """Blocks of traces."""
-        return [self._store.load(each.trace, TRACES) for each in self._stored if each.trace]
+        return [self._read(each.trace, TRACES) for each in self._stored if each.trace]
 
     @property
     def verdicts(self) -> Sequence[Verdict]:
@@ -99,13 +121,22 @@ class StoredResult:
     def outputs(self) -> Sequence[bytes]:
         """Blocks of the programs' outputs, as `vastflow.sim.model.archive` writes them."""
         having = (each.recordings for each in self._stored if OUTPUTS in each.recordings.files)
-        return [self._store.load(recordings, OUTPUTS) for recordings in having]
+        return [self._read(recordings, OUTPUTS) for recordings in having]
 
     @property
     def logs(self) -> Sequence[bytes]:
         """Run logs, as `vastflow.tasks.engine.work` writes them."""
         found = (self._store.beside(each.recordings.key, RUN_LOG) for each in self._stored)
         return [log for log in found if log]
+
+
+def copies_in(directory: Path, configuration: str) -> dict[str, Path]:
+    """Return where a campaign directory has copies of files of the store, by their names there."""
+    return {
+        RECORDINGS: directory / "recordings" / f"{configuration}.parquet",
+        TRACES: directory / "traces" / f"{configuration}.parquet",
+        OUTPUTS: directory / "outputs" / f"{configuration}.zip",
+    }
 
 
 def one_block(blocks: Sequence[bytes], runs: int) -> bytes:

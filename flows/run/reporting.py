@@ -7,10 +7,10 @@ from typing import Any, Final
 
 from vastflow.flows.request.campaign_file import terminal_lines
 from vastflow.flows.request.run_request import SEARCH
-from vastflow.flows.results.current_report import KEY, newest_sealed, report_key, seal, written_by
+from vastflow.flows.results.current_report import KEY, newest, newest_sealed, report_key, seal, written_by
 from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.results import metadata_of, write_results
-from vastflow.flows.results.rows import KeptRows, StoredResult
+from vastflow.flows.results.rows import KeptRows, StoredResult, copies_in
 from vastflow.flows.results.summary import Results, Summary
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.event_log import EventLog, ended
@@ -95,12 +95,15 @@ def write_judged(
     """
     engine = computing.engine
     faults = engine.faults
+    is_remote = store_address(run.request.store) is not None
+    before = newest(run.delivery.folder, run.name) if is_remote else None  # nothing is asked for that this machine has
 
     def found(configuration: Configuration) -> StoredResult:
         engine.check()
         own = judged.found[configuration.name]
         theirs = [fault for fault in faults if fault.configuration == configuration.name]
-        return StoredResult(run.store, own.stored, own.configuration.runs, theirs)
+        copies = copies_in(before, configuration.name) if before is not None else None
+        return StoredResult(run.store, own.stored, own.configuration.runs, theirs, copies)
 
     return write_results(
         directory,
@@ -116,7 +119,7 @@ def write_judged(
         created=computing.created,
         work=run.work,
         report=report,
-        threads=1 if store_address(run.request.store) is None else _REMOTE_READERS,
+        threads=_REMOTE_READERS if is_remote else 1,
         kept=kept,
     )
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.flows.results.rows import KeptRows, StoredResult, parts, rows_of
+from vastflow.flows.results.rows import KeptRows, StoredResult, copies_in, parts, rows_of
 from vastflow.oracles.judgement.verdict import Verdict, write_verdicts
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import write_behaviors
@@ -36,7 +36,7 @@ def store(tmp_path):
 def result(store):
     """Makes stored results of two runs that end as told."""
 
-    def make(judgement="fail", faults=(), causes=((1, "planner"),)):
+    def make(judgement="fail", faults=(), causes=((1, "planner"),), **more):
         runs = [Recording(Run(k, str(k), "succeeded", 0, "", 1.5, 2.0, 0, 0), {}) for k in range(2)]
         behaviors = write_behaviors({k: {"t_s": np.array([0.5 * k])} for k in range(2)})
         files = {"recordings.parquet": write_recordings(runs), "behaviors.arrow": behaviors}
@@ -44,7 +44,7 @@ def result(store):
         verdicts = write_verdicts([Verdict("success", k, judgement) for k in range(2)])
         judged = store.put(f"judge/aa/{judgement}", {"verdicts.json": verdicts}, {"causes": causes})
         block = Block(recordings.key, 0, 2, recordings.content)
-        return StoredResult(store, [Stored(block, recordings, None, judged)], 2, faults)
+        return StoredResult(store, [Stored(block, recordings, None, judged)], 2, faults, **more)
 
     return make
 
@@ -92,6 +92,19 @@ def test_damaged_rows_are_gone(store, result):
     file = store.local / key / "runs.arrow"
     file.write_bytes(file.read_bytes()[:-1] + b"?")
     assert kept.find(key) is None
+
+
+def test_copy_is_read_only_where_its_content_is_the_same(store, result, tmp_path, monkeypatch):
+    (content,) = result().recordings
+    copies = copies_in(tmp_path, "room-1")
+    file = copies["recordings.parquet"]
+    file.parent.mkdir()
+    file.write_bytes(content[:-1] + b"?")
+    assert result(copies=copies).recordings == [content]
+    file.write_bytes(content)
+    copied = result(copies=copies)
+    monkeypatch.setattr(store, "load", lambda *_: pytest.fail("the store was asked"))
+    assert copied.recordings == [content]
 
 
 @given(st.integers(0, 300), st.integers(0, 299))
