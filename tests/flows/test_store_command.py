@@ -114,6 +114,14 @@ def test_gc_by_age_deletes_only_older_artifacts(ran, store):
     assert not keys_in(store) & old
 
 
+def test_gc_deletes_rows_that_are_a_day_old(ran, store):
+    kept, key = ran(), f"rows/ab/{'ab' * 32}"
+    store.put(key, {"content": b"x"})
+    assert reported("gc", "--keep", kept)["keys"] == []
+    grow_old(store)
+    assert reported("gc", "--keep", kept)["keys"] == [key]
+
+
 def test_gc_keeps_bundles_of_long_campaigns_for_a_month(store):
     key = f"bundle/ab/{'ab' * 32}"
     store.put(key, {"content": b"x"})
