@@ -166,7 +166,7 @@ def _with_intervals(of: Collection[Counts]) -> Iterator[dict[str, Any]]:
 
 
 def _lines(value: Any, depth: int = 1) -> Iterator[str]:
-    """JSON of `value`, one line for each value three levels deep; an iterator of pairs is an object that is not held."""
+    """JSON of `value`, one line for each value three levels deep; an iterator of pairs is an object."""
     if depth > 3 or not isinstance(value, dict | Iterator):
         whole = dict(value) if isinstance(value, Iterator) else value
         yield json.dumps(whole, ensure_ascii=False, allow_nan=False)

@@ -240,7 +240,12 @@ def together(said: NDArray[np.int8]) -> NDArray[np.int8]:
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """The tables of a campaign directory, in columns; `campaign` is the text of the campaign file, `runs` has no seeds and no families."""
+    """The tables of a campaign directory, in columns.
+
+    Attributes:
+        campaign: Text of the campaign file.
+        runs: Without seeds and families.
+    """
 
     directory: Path
     metadata: Mapping[str, Any]
