@@ -48,22 +48,15 @@ MARKS: Final[Mapping[str, Mark]] = {
 """Kind of event to its tick; others, such as each move of an obstacle, have none."""
 
 POSES: Final = ("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad")
-SIGNALS: Final[Sequence[Mapping[str, Any]]] = (
-    {"title": "Speed", "unit": "m/s", "lines": {"speed_mmps": "true", "sent_speed_mmps": "commanded"}},
-    {"title": "Yaw rate", "unit": "rad/s", "lines": {"yaw_rate_mradps": "true", "sent_yaw_rate_mradps": "commanded"}},
-    {
-        "title": "Clearance of the center",
-        "unit": "m",
-        "lines": {
-            "wall_clearance_mm": "walls",
-            "static_clearance_mm": "obstacles",
-            "appearing_clearance_mm": "appearing obstacles",
-        },
-    },
-    {"title": "Localization error", "unit": "m", "lines": {"localization_error_mm": ""}},
-    {"title": "Off the reference path", "unit": "m", "lines": {"deviation_mm": ""}},
+_CLEARANCES: Final = {"wall": "walls", "static": "obstacles", "appearing": "appearing obstacles"}
+SIGNALS: Final[Sequence[tuple[str, str, Mapping[str, str]]]] = (
+    ("Speed", "m/s", {"speed_mmps": "true", "sent_speed_mmps": "commanded"}),
+    ("Yaw rate", "rad/s", {"yaw_rate_mradps": "true", "sent_yaw_rate_mradps": "commanded"}),
+    ("Clearance of the center", "m", {f"{to}_clearance_mm": words for to, words in _CLEARANCES.items()}),
+    ("Localization error", "m", {"localization_error_mm": ""}),
+    ("Off the reference path", "m", {"deviation_mm": ""}),
 )
-"""Plots below the map; the lines are stored columns of thousandths."""
+"""Title, unit, and lines of the plots below the map; the lines are stored columns of thousandths."""
 
 ERRORS: Final[Mapping[int, str]] = {
     103: "invalid path",
@@ -100,6 +93,18 @@ class StoredRun:
     trace: Trace | None = field(repr=False)
     derived: Mapping[str, NDArray[np.int32]] = field(repr=False)
     verdicts: Sequence[Mapping[str, Any]] = field(repr=False)
+
+    @property
+    def reference_xy_m(self) -> NDArray[np.float64]:
+        """Points (N, 2) of the reference path; none where the run has no such path."""
+        reference = self.trace.reference if self.trace is not None else None
+        return reference.points_xy_m if isinstance(reference, Reference) else np.empty((0, 2))
+
+    @property
+    def columns(self) -> Mapping[str, NDArray[np.int32]]:
+        """Recorded and derived columns that mean something."""
+        stored = {**(self.recording.columns if self.recording is not None else {}), **self.derived}
+        return {name: each for name, each in stored.items() if name != "deviation_mm" or len(self.reference_xy_m)}
 
 
 def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun:
@@ -138,16 +143,13 @@ def _recorded(directory: Path, name: str, run_index: int) -> _Recorded:
     return recording, None, {}
 
 
-def frames_of(run: StoredRun, asked: str) -> bytes:
-    """Return the packed reply of a run.
+def facts_of(run: StoredRun, asked: str) -> dict[str, Any]:
+    """Return what a page tells of a run beside its map, such as verdicts and events.
 
     Args:
         asked: The configuration in the address, of which the executed one may be the original.
-
-    Raises:
-        ValueError: a scenario or a map that can't be read.
     """
-    header: dict[str, Any] = {
+    facts: dict[str, Any] = {
         "configuration": asked,
         "executed": run.configuration,
         "run": run.run_index,
@@ -157,41 +159,66 @@ def frames_of(run: StoredRun, asked: str) -> bytes:
         "tick_s": TICK_S,
     }
     if run.recording is None:
-        return packed({**header, "sentence": "This run was not recorded; the verdicts say why."}, {})
+        facts |= {"outcome": "", "simulated_s": 0.0, "events": [], "behaviors": []}
+        return {**facts, "sentence": "This run was not recorded; the verdicts say why."}
     told = run.recording.run
-    header |= {
+    facts |= {
         **{name: getattr(told, name) for name in ("outcome", "reason", "simulated_s", "distance_m", "recoveries")},
         "events": [*_event_rows(told.events)],
         "behaviors": [*scenario_spans(run.recording.behaviors, told.simulated_s)],
     }
     if not run.recording.columns:
         where = f"What its programs wrote is in outputs/{run.configuration}.zip of the campaign directory."
-        return packed({**header, "sentence": f"This scenario has no robot, so there is no map to show. {where}"}, {})
-    facts, arrays = _robot_frames(run, run.recording)
-    return packed({**header, **facts}, arrays)
+        facts["sentence"] = f"This scenario has no robot, so there is no map to show. {where}"
+    return facts
 
 
-def _robot_frames(run: StoredRun, recording: Recording) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def frames_of(run: StoredRun, asked: str) -> bytes:
+    """Return the packed reply of a run, see `facts_of`.
+
+    Raises:
+        ValueError: a scenario or a map that can't be read.
+    """
+    facts = facts_of(run, asked)
+    if run.recording is None or facts["sentence"]:
+        return packed(facts, {})
     situation, robot = situation_of(run.scenario), robot_of(parameters_of(run.scenario.system))
-    reference = run.trace.reference if run.trace is not None else None
-    path = reference.points_xy_m if isinstance(reference, Reference) else np.empty((0, 2))
-    there = {**recording.columns, **run.derived}
-    if not len(path):
-        there.pop("deviation_mm", None)
-    plots = [{**plot, "lines": {k: v for k, v in plot["lines"].items() if k in there}} for plot in SIGNALS]
-    shown = dict.fromkeys([*POSES, *(column for plot in plots for column in plot["lines"])])
     grids, cells = _grids(run.scenario)
-    facts = {
+    facts |= {
         "robot": {"radius_m": robot.radius_m, "vertices": robot.vertices},
-        "start": situation.start and _pose_row(situation.start),
         "goals": [_pose_row(goal) for goal in situation.goals],
-        "obstacles": [_track_row(track) for track in obstacle_tracks_of(situation, recording.run)],
-        "activities": [*_standing(there)],
-        "signals": [plot for plot in plots if plot["lines"]],
+        "obstacles": [_track_row(track) for track in obstacle_tracks_of(situation, run.recording.run)],
+        "activities": [*_standing(run.columns)],
         "nowhere": NOWHERE_MM,
         "grids": grids,
     }
-    return facts, {**{name: there[name] for name in shown}, **cells, "reference": path.astype(np.float32)}
+    shown = dict.fromkeys([*POSES, *(column for _, _, lines in SIGNALS for column in lines if column in run.columns)])
+    arrays = {name: run.columns[name] for name in shown}
+    return packed(facts, {**arrays, **cells, "reference": run.reference_xy_m.astype(np.float32)})
+
+
+def plots_of(runs: Sequence[StoredRun]) -> Iterator[Mapping[str, Any]]:
+    """Yield a plot of each signal that any of some runs has: title, unit, least and greatest value, and lines."""
+    for title, unit, words in SIGNALS:
+        lines, known = [], [np.zeros(1, dtype=np.int32)]
+        for side, run in enumerate(runs):
+            for n, name in enumerate(words):
+                if (values := run.columns.get(name)) is not None:
+                    known.append(values[values != NOWHERE_MM])
+                    path = _path(run.columns["t_ms"], values)
+                    lines.append({"side": side, "n": n, "words": words[name], "column": name, "d": path})
+        every = np.concatenate(known) * 1e-3
+        low, high = float(every.min()), float(every.max())
+        if lines:
+            yield {"title": title, "unit": unit, "low": low, "high": high if high > low else low + 1.0, "lines": lines}
+
+
+def _path(t_ms: NDArray[np.int32], values: NDArray[np.int32]) -> str:
+    """Return a line as SVG has it, in seconds and units of the signal downwards, with gaps."""
+    known = values != NOWHERE_MM
+    pens = np.where(known & ~np.r_[False, known[:-1]], "M", "L")
+    places = np.column_stack([t_ms, -values])[known] * 1e-3
+    return "".join(f"{pen}{t_s:g} {y:g}" for pen, (t_s, y) in zip(pens[known].tolist(), places.tolist(), strict=True))
 
 
 def _event_rows(events: Iterable[Event]) -> Iterator[dict[str, Any]]:

@@ -74,6 +74,8 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     kept = KeptLayers()
 
     def run(request: Request) -> Response:
+        from vastflow.deployments.explorer import frames  # a third of a second of imports
+
         campaign = directories.find(name_of(request, "c"))
         configuration, run_index = name_of(request, "configuration"), number_of(request, "run")
         # A form that chooses no other run sends an empty one. One of another campaign has its id as `withc`.
@@ -82,6 +84,10 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         )
         elsewhere = "withc" in request.query_params or (beside is not None and beside[0] != configuration)
         around = around_run(campaign.path, configuration, run_index)
+        places = [(campaign.path, configuration, run_index)]
+        if beside:
+            places.append((directories.find(request.query_params.get("withc") or campaign.id).path, *beside))
+        runs = [frames.stored_run(*place) for place in places]
         return pages.page(
             request,
             "run.html.j2",
@@ -91,10 +97,12 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             beside=beside,
             elsewhere=elsewhere,
             around=around,
+            sides=[frames.facts_of(run, asked) for run, (_, asked, _) in zip(runs, places, strict=True)],
+            plots=[*frames.plots_of(runs)],
         )
 
     def frames(request: Request) -> Response:
-        from vastflow.deployments.explorer.frames import frames_of, stored_run  # a second of imports too
+        from vastflow.deployments.explorer.frames import frames_of, stored_run
 
         campaign = directories.find(name_of(request, "c"))
         configuration = name_of(request, "configuration")

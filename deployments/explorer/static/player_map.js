@@ -1,7 +1,7 @@
 /** The map of one run, drawn in meters; y points up. */
 import { picture, ShownPart } from "./maps.js";
-import { verdictOf } from "./player_panels.js";
 
+const VERDICTS = { pass: "pass", fail: "fail" };
 const TURN = 2 * Math.PI;
 const MARGIN_PX = 12;
 const BAR_M = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
@@ -180,7 +180,7 @@ export class RunMap extends ShownPart {
     };
     if (shown.has("future")) this.#stroke(line(row + 1, run.t.length), theme.muted, 1, [2, 3]);
     if (shown.has("belief")) this.#stroke(line(0, row + 1, true), theme.belief, 1, [4, 2]);
-    if (shown.has("past")) this.#stroke(line(0, row + 1), theme[verdictOf(run.header.judgement).color], 2);
+    if (shown.has("past")) this.#stroke(line(0, row + 1), theme[VERDICTS[run.header.judgement] ?? "not-judged"], 2);
   }
 
   #robot({ x, y, yaw }, edge, inside, width) {

@@ -16,6 +16,7 @@ from vastflow.deployments.explorer.frames import (
     WALL,
     StoredRun,
     frames_of,
+    plots_of,
     scenario_spans,
     stored_run,
 )
@@ -86,7 +87,7 @@ def test_frames_hold_recorded_and_derived_columns(directory: Path):
         np.testing.assert_array_equal(arrays[name], recorded[name])
     for name in ("localization_error_mm", "wall_clearance_mm", "static_clearance_mm", "deviation_mm"):
         np.testing.assert_array_equal(arrays[name], derived[name])
-    drawn = {column for plot in header["signals"] for column in plot["lines"]}
+    drawn = {line["column"] for plot in plots_of([stored_run(directory, "office-1", 1)]) for line in plot["lines"]}
     assert "sent_speed_mmps" not in drawn  # which this recording lacks
     assert drawn <= arrays.keys()
     assert (header["judgement"], header["reason"], header["nowhere"]) == ("fail", "stuck <b>", NOWHERE_MM)
@@ -101,7 +102,7 @@ def test_frames_hold_map_start_goals_and_reference(directory: Path):
     assert cells.shape == (80, 100)  # the known part
     assert (cells[0, 0], cells[1, 1]) == (WALL, FREE)
     assert UNKNOWN not in cells
-    assert (header["start"], header["goals"]) == ([1.0, 2.0, 0.5], [[3.8, 2.0, 0.0]])
+    assert header["goals"] == [[3.8, 2.0, 0.0]]
     assert header["robot"] == {"radius_m": 0.17, "vertices": []}
     assert np.hypot(*(arrays["reference"][-1] - (3.8, 2.0))) < 0.05
 
@@ -183,9 +184,22 @@ def test_scenario_spans_run_to_the_end_without_last_status():
 def test_frames_leave_deviation_out_without_reference(directory: Path):
     run = stored_run(directory, "office-1", 0)
     assert run.trace is not None
-    header, arrays = unpacked(frames_of(replace(run, trace=None), "office-1"))
+    without = replace(run, trace=None)
+    _, arrays = unpacked(frames_of(without, "office-1"))
     assert "deviation_mm" not in arrays
-    assert "Off the reference path" not in [plot["title"] for plot in header["signals"]]
+    assert "Off the reference path" not in [plot["title"] for plot in plots_of([without])]
+
+
+def test_plots_overlay_runs_and_leave_gaps(directory: Path):
+    run = stored_run(directory, "office-1", 1)
+    gap = replace(run, derived={**run.derived, "localization_error_mm": np.array([NOWHERE_MM, 1000, 2500, *[0] * 6])})
+    (plot,) = (each for each in plots_of([run, gap]) if each["title"] == "Localization error")
+    assert [(line["side"], line["column"]) for line in plot["lines"]] == [
+        (0, "localization_error_mm"),
+        (1, "localization_error_mm"),
+    ]
+    assert (plot["low"], plot["high"]) == (0.0, 2.5)
+    assert plot["lines"][1]["d"].startswith("M0.1 -1L0.2 -2.5L0.3 0L")
 
 
 def test_frames_hold_world_and_masks_beside_the_map(directory: Path, tmp_path: Path):
