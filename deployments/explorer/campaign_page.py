@@ -81,7 +81,6 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         "rows": rows,
         "points": points,
         "paths": paths,
-        "map.png": map_picture,
         "table": table,
     }
     return [
@@ -130,7 +129,8 @@ def points(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) ->
 
 def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
     """Return a layer of the map of the runs that were read so far."""
-    environment = _environment(request, campaign)
+    if (environment := name_of(request, "environment")) not in [each["id"] for each in campaign.maps]:
+        raise HTTPException(400, f"environment: expected a map of this campaign, got {environment!r}")
     asked = request.query_params.get("layer", "paths")
     if asked not in trajectories.LAYERS:
         raise HTTPException(400, f"layer: expected one of {', '.join(trajectories.LAYERS)}, got {asked!r}")
@@ -140,26 +140,12 @@ def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
         "read": found.done,
         "configurations_here": len(found.configurations),
         "damaged": found.damaged,
-        "floor": found.floor.json() if found.floor else None,
+        "floor": found.floor.json if found.floor else None,
     }
     if found.paths is None or found.floor is None:
         return arrays_reply({**header, "form": "nothing"}, {})
     told, arrays = trajectories.layer(found.paths, campaign.table, mask, found.floor.grid, asked)
     return arrays_reply({**header, **told}, arrays)
-
-
-def map_picture(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
-    """Return the picture of an environment's map."""
-    with reading(campaign.directory.path):
-        floor = trajectories.floor_of(campaign.directory.path, _environment(request, campaign))
-        return Response(floor.png(), media_type="image/png")
-
-
-def _environment(request: Request, campaign: Campaign) -> str:
-    environment = name_of(request, "environment")
-    if environment not in [each["id"] for each in campaign.maps]:
-        raise HTTPException(400, f"environment: expected a map of this campaign, got {environment!r}")
-    return environment
 
 
 def table(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:

@@ -192,7 +192,7 @@ def paths(request: Request, campaign: Campaign, k: int) -> Response:
         return arrays_reply({"form": "nothing", "floor": None, "problem": "This scenario has no map."}, {})
     floor = floor_of(campaign.directory.path, environment)
     found = read_paths(campaign.directory.path, campaign.table, k, floor.grid)
-    header = {"floor": floor.json(), "environment": environment, "problem": ""}
+    header = {"floor": floor.json, "problem": ""}
     if found is None:
         return arrays_reply({**header, "form": "nothing", "problem": "No run of it was recorded."}, {})
     told, arrays = layer(found, campaign.table, np.ones(len(campaign.table), dtype=np.bool_), floor.grid, "paths")

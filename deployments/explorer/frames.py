@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vastflow.deployments.explorer.around import configuration_row
 from vastflow.deployments.explorer.packed import packed
-from vastflow.oracles.figures.scene import known_cells, zones_of
+from vastflow.oracles.figures.scene import known_cells, known_extent_m, zones_of
 from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
@@ -183,17 +183,18 @@ def frames_of(run: StoredRun, asked: str) -> bytes:
     if run.recording is None or facts["sentence"]:
         return packed(facts, {})
     situation, robot = situation_of(run.scenario), robot_of(parameters_of(run.scenario.system))
-    grids, cells = _grids(run.scenario)
+    grids = [*_grids(run.scenario)]
     facts |= {
         "robot": {"radius_m": robot.radius_m, "vertices": robot.vertices},
         "goals": [_pose_row(goal) for goal in situation.goals],
         "obstacles": [_track_row(track) for track in obstacle_tracks_of(situation, run.recording.run)],
         "activities": [*_standing(run.columns)],
         "nowhere": NOWHERE_MM,
-        "grids": grids,
+        "grids": [{**place, "cells": f"grid {k}"} for k, (place, _) in enumerate(grids)],
     }
     shown = dict.fromkeys([*POSES, *(column for _, _, lines in SIGNALS for column in lines if column in run.columns)])
     arrays = {name: run.columns[name] for name in shown}
+    cells = {f"grid {k}": each for k, (_, each) in enumerate(grids)}
     return packed(facts, {**arrays, **cells, "reference": run.reference_xy_m.astype(np.float32)})
 
 
@@ -248,7 +249,7 @@ def _words(event: Event) -> str:
 
 
 def scenario_spans(behaviors: Columns, end_s: float) -> Iterator[dict[str, Any]]:
-    """Yield name, start, end, and last status of each time that an action of the scenario ran.
+    """Yield name, start, end, last status, and row of each time that an action of the scenario ran.
 
     Args:
         behaviors: Status changes of the scenario's tree, see `Recording`; without its compositions, which have children.
@@ -266,7 +267,9 @@ def scenario_spans(behaviors: Columns, end_s: float) -> Iterator[dict[str, Any]]
         if (span := running.pop(node, None)) is not None:
             yield {**span, "end_s": t_s, "status": status, "message": message or span["message"]}
         if status == "RUNNING":
-            running[node] = {"name": name, "start_s": t_s, "message": message}
+            # The first row where no other action runs.
+            lane = min({*range(len(running) + 1)} - {each["lane"] for each in running.values()})
+            running[node] = {"name": name, "start_s": t_s, "message": message, "lane": lane}
     for span in running.values():
         yield {**span, "end_s": end_s, "status": "RUNNING"}
 
@@ -294,31 +297,23 @@ def _track_row(track: ObstacleTrack) -> dict[str, Any]:
     return {"name": obstacle.name, "shape": obstacle.shape, **size, "places": [*places]}
 
 
-def _grids(scenario: Scenario) -> tuple[list[dict[str, Any]], dict[str, NDArray[np.uint8]]]:
-    """Describe the map, the world where it differs, and the masks of costmap filters; and their cells by name."""
-    found: list[dict[str, Any]] = []
-    cells: dict[str, NDArray[np.uint8]] = {}
-
-    def add(kind: str, occupancy: OccupancyMap, values: NDArray[np.uint8]) -> None:
-        rows, columns = known_cells(occupancy)
-        ((x_m, y_m),) = occupancy.corners_of(np.array([(rows.start, columns.start)])).tolist()
-        name = f"grid {len(found)}"
-        place = {"x_m": x_m, "y_m": y_m, "yaw_rad": occupancy.yaw_rad, "resolution_m": occupancy.resolution_m}
-        found.append({"kind": kind, "cells": name, **place})
-        cells[name] = values[rows, columns]
-
+def _grids(scenario: Scenario) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]]]:
+    """Yield the map, the world where it differs, and the masks of costmap filters: what and where each is, and its cells."""
     map_file = scenario.environment["map_file"]
     assert isinstance(map_file, FileContent)  # else no robot would have been executed
     occupancy = load_map(map_file.path)
-    add("map", occupancy, _cells_of(occupancy))
+    found = [("map", occupancy, _cells_of(occupancy))]
     if (difference := difference_of(scenario.environment.get(WORLD_KEY))) is not None:
         world = world_of(occupancy, difference)
-        add("world", world, _cells_of(world))
+        found.append(("world", world, _cells_of(world)))
     zones = zones_of([scenario])
     for kind, masks in (("keepout", zones.keepout), ("speed", zones.speed)):
-        for mask in masks:
-            add(kind, mask, np.maximum(mask.cells, 0).astype(np.uint8))
-    return found, cells
+        found += [(kind, mask, np.maximum(mask.cells, 0).astype(np.uint8)) for mask in masks]
+    for kind, grid, cells in found:
+        rows, columns = known_cells(grid)
+        ((x_m, y_m),) = grid.corners_of(np.array([(rows.start, columns.start)])).tolist()
+        place = {"x_m": x_m, "y_m": y_m, "yaw_rad": grid.yaw_rad, "resolution_m": grid.resolution_m}
+        yield {"kind": kind, **place, "extent": known_extent_m(grid, 0.0)}, cells[rows, columns]
 
 
 def _cells_of(occupancy: OccupancyMap) -> NDArray[np.uint8]:

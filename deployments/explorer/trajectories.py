@@ -3,8 +3,10 @@
 import io
 import threading
 import time
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -106,8 +108,9 @@ class Floor:
     known: tuple[slice, slice]
     grid: FailureGrid
 
-    def json(self) -> dict[str, Any]:
-        """Return where the picture lies: its lowest corner before it is turned about the map's origin, and its size."""
+    @cached_property
+    def json(self) -> Mapping[str, Any]:
+        """The picture and where it lies: its lowest corner before it is turned about the map's origin, and its size."""
         (rows, columns), cell_m = self.known, self.occupancy.resolution_m
         x_m, y_m = self.occupancy.origin_xy_m
         return {
@@ -118,6 +121,7 @@ class Floor:
             "origin": [x_m, y_m],
             "yaw": self.occupancy.yaw_rad,
             "extent": list(self.grid.extent_m),
+            "picture": f"data:image/png;base64,{b64encode(self.png()).decode()}",
         }
 
     def png(self) -> bytes:

@@ -38,13 +38,9 @@ export class RunMap extends ShownPart {
   /** Show the part of the map that fits into the page, or all of it. */
   place() {
     const { element: canvas } = this;
-    const { x_m: x, y_m: y, yaw_rad, rows, columns, resolution_m } = this.grids[0];
-    const [width, height, c, s] = [columns * resolution_m, rows * resolution_m, Math.cos(yaw_rad), Math.sin(yaw_rad)];
-    const xs = [0, c * width, -s * height, c * width - s * height];
-    const ys = [0, s * width, c * height, s * width + c * height];
     canvas.width = Math.round(canvas.clientWidth * devicePixelRatio);
     canvas.height = Math.round(canvas.clientHeight * devicePixelRatio);
-    this.take([x + Math.min(...xs), x + Math.max(...xs), y + Math.min(...ys), y + Math.max(...ys)], MARGIN_PX);
+    this.take(this.grids[0].extent, MARGIN_PX);
   }
 
   /** Draw a moment with the layers whose names are in `shown`. */

@@ -164,7 +164,14 @@ def test_frames_without_robot_have_events_and_actions():
     header, arrays = unpacked(frames_of(run, "growth-1"))
     assert header["sentence"].startswith("This scenario has no robot")
     assert "outputs/growth-1.zip" in header["sentence"]
-    span = {"name": "run_process", "start_s": 0.1, "end_s": 2.5, "status": "FAILURE", "message": "exit code 3"}
+    span = {
+        "name": "run_process",
+        "start_s": 0.1,
+        "end_s": 2.5,
+        "status": "FAILURE",
+        "message": "exit code 3",
+        "lane": 0,
+    }
     assert header["behaviors"] == [span]
     assert arrays == {}
 
