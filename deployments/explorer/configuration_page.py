@@ -67,7 +67,7 @@ def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
 
     return [
         Route("/configuration", page),
-        Route("/api/configuration", view(runs_and_neighbor)),
+        Route("/api/configuration", view(lambda request, campaign, k: json_reply(values_of(campaign, k)))),
         Route("/api/configuration/paths", view(paths)),
         Route("/api/configuration/signals", view(signals)),
     ]
@@ -78,11 +78,6 @@ def index_of(table: RunTable, name: str) -> int:
     if name not in table.configurations:
         raise UserError(f"name: expected a configuration with runs in this campaign, got {name!r}")
     return table.configurations.index(name)
-
-
-def runs_and_neighbor(request: Request, campaign: Campaign, k: int) -> Response:
-    """Return the values of the page as JSON."""
-    return json_reply(values_of(campaign, k))
 
 
 def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vastflow.deployments.explorer.around import configuration_row
 from vastflow.deployments.explorer.packed import packed
 from vastflow.oracles.figures.scene import known_cells, known_extent_m, zones_of
 from vastflow.oracles.judgement.verdict import run_judgement
@@ -24,6 +24,7 @@ from vastflow.oracles.results.schema import behaviors_of, read_columns
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.blocks import read_block, read_recordings
 from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns, Event, Recording
@@ -116,12 +117,23 @@ def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun
     with reading(directory.name):
         row = configuration_row(directory, read_columns(directory / "configurations.parquet"), configuration)
         name = row["duplicate_of"] or configuration
-        verdicts = pq.read_table(directory / "verdicts.parquet", filters=[("configuration", "==", name)])
-        verdicts = verdicts.filter(pc.field("run_index") == run_index).to_pylist()
-        if not verdicts:
-            raise UnusableDirectory(f"{directory.name}: {name} has no run {run_index}")
+        of_all = pq.read_table(directory / "verdicts.parquet", filters=[("configuration", "==", name)])
+        if not (verdicts := of_all.filter(pc.field("run_index") == run_index).to_pylist()):
+            numbers = f"0 to {pc.max(of_all['run_index'])}" if len(of_all) else "of which it has none"
+            raise UnusableDirectory(
+                f"{directory.name}: {name}: expected the number of a run, {numbers}, got {run_index}"
+            )
         scenario = scenario_of_row(row, KeptFiles(directory))
         return StoredRun(name, run_index, scenario, *_recorded(directory, name, run_index), verdicts)
+
+
+def configuration_row(directory: Path, table: pa.Table, configuration: str) -> dict[str, Any]:
+    """Return the row of a configuration; raises `UnusableDirectory` if there is none."""
+    found: list[dict[str, Any]] = table.filter(pc.field("name") == configuration).to_pylist()
+    if not found:
+        hint = did_you_mean(configuration, table["name"].to_pylist(), "it has none", listed="it has")
+        raise UnusableDirectory(f"{directory.name}: no configuration {configuration!r}; {hint}")
+    return found[0]
 
 
 _Recorded: TypeAlias = tuple[Recording | None, Trace | None, Mapping[str, NDArray[np.int32]]]

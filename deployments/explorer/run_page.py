@@ -3,19 +3,22 @@
 import asyncio
 import threading
 import weakref
+from collections.abc import Mapping
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+import numpy as np
+import pyarrow.parquet as pq
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from vastflow.deployments.explorer.around import around_run
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.pages import Pages
 from vastflow.deployments.explorer.replies import ARRAYS, name_of, number_of
+from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, read_verdicts
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.tasks.engine.executor import Priority, WorkerDied
 from vastflow.tasks.engine.pool import Pool
@@ -69,6 +72,26 @@ class KeptLayers:
             return known
 
 
+def around_run(directory: Path, configuration: str, run_index: int) -> Mapping[str, Any]:
+    """Return the judgements of a configuration's runs, and the places of the failed runs before and after one of them.
+
+    Raises:
+        UnusableDirectory: a missing or damaged table.
+    """
+    with reading(directory.name):
+        names = pq.read_table(directory / "configurations.parquet", columns=["name"])["name"].to_pylist()
+        verdicts = read_verdicts(directory, names)
+        own, said = verdicts.rows_of(names.index(configuration)), verdicts.together
+    runs = dict(zip(verdicts.run_index[own].tolist(), map(JUDGEMENTS.get, said[own].tolist()), strict=True))
+    failed, here = np.flatnonzero(said == FAIL), own.start + [*runs].index(run_index)
+    ends = {"before": failed[failed < here][-1:], "after": failed[failed > here][:1]}
+    places = {
+        k: [(names[verdicts.configuration[row]], int(verdicts.run_index[row])) for row in end]
+        for k, end in ends.items()
+    }
+    return {"runs": runs, **{k: next(iter(place), None) for k, place in places.items()}}
+
+
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page."""
     kept = KeptLayers()
@@ -83,7 +106,6 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             (name_of(request, "with"), number_of(request, "withrun")) if request.query_params.get("withrun") else None
         )
         elsewhere = "withc" in request.query_params or (beside is not None and beside[0] != configuration)
-        around = around_run(campaign.path, configuration, run_index)
         places = [(campaign.path, configuration, run_index)]
         if beside:
             places.append((directories.find(request.query_params.get("withc") or campaign.id).path, *beside))
@@ -96,7 +118,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             run=run_index,
             beside=beside,
             elsewhere=elsewhere,
-            around=around,
+            around=around_run(campaign.path, runs[0].configuration, run_index),
             sides=[frames.facts_of(run, asked) for run, (_, asked, _) in zip(runs, places, strict=True)],
             plots=[*frames.plots_of(runs)],
         )

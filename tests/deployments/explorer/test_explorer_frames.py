@@ -135,7 +135,7 @@ def test_frames_of_duplicate_are_those_of_its_original(directory: Path):
 def test_stored_run_names_missing_parts(directory: Path):
     with pytest.raises(UnusableDirectory, match=r"no configuration 'office-3'; did you mean 'office-[12]'"):
         stored_run(directory, "office-3", 0)
-    with pytest.raises(UnusableDirectory, match="office-1 has no run 2"):
+    with pytest.raises(UnusableDirectory, match="office-1: expected the number of a run, 0 to 1, got 2"):
         stored_run(directory, "office-1", 2)
     (directory / "recordings" / "office-1.parquet").write_bytes(b"PAR1")
     with pytest.raises(UnusableDirectory, match="damaged campaign directory"):
