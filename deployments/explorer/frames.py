@@ -2,13 +2,12 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
@@ -19,12 +18,10 @@ from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, Trace, trace_of
-from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
-from vastflow.oracles.results.schema import behaviors_of, read_columns
+from vastflow.oracles.results.executed import KeptFiles, configuration_row, recordings_of, scenario_of_row
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
-from vastflow.sim.model.blocks import read_block, read_recordings
+from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns, Event, Recording
@@ -115,7 +112,7 @@ def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun
         UnusableDirectory: an unknown configuration or run; a missing or damaged file.
     """
     with reading(directory.name):
-        row = configuration_row(directory, read_columns(directory / "configurations.parquet"), configuration)
+        row = configuration_row(directory, configuration)
         name = row["duplicate_of"] or configuration
         of_all = pq.read_table(directory / "verdicts.parquet", filters=[("configuration", "==", name)])
         if not (verdicts := of_all.filter(pc.field("run_index") == run_index).to_pylist()):
@@ -127,30 +124,13 @@ def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun
         return StoredRun(name, run_index, scenario, *_recorded(directory, name, run_index), verdicts)
 
 
-def configuration_row(directory: Path, table: pa.Table, configuration: str) -> dict[str, Any]:
-    """Return the row of a configuration; raises `UnusableDirectory` if there is none."""
-    found: list[dict[str, Any]] = table.filter(pc.field("name") == configuration).to_pylist()
-    if not found:
-        hint = did_you_mean(configuration, table["name"].to_pylist(), "it has none", listed="it has")
-        raise UnusableDirectory(f"{directory.name}: no configuration {configuration!r}; {hint}")
-    return found[0]
-
-
 _Recorded: TypeAlias = tuple[Recording | None, Trace | None, Mapping[str, NDArray[np.int32]]]
 
 
 def _recorded(directory: Path, name: str, run_index: int) -> _Recorded:
-    recordings, traces = (directory / folder / f"{name}.parquet" for folder in ("recordings", "traces"))
-    if not recordings.is_file():  # every run of it broke
-        return None, None, {}
-    recording = next((each for each in read_recordings(recordings) if each.run.run_index == run_index), None)
-    if recording is None:
-        return None, None, {}
-    of_all = behaviors_of(directory, name)
-    own = of_all.pop("run_index", None) == run_index
-    recording = replace(recording, behaviors={key: column[own] for key, column in of_all.items()})
-    for row, derived in read_block(traces) if traces.is_file() else ():
-        if row["run_index"] == run_index:
+    recording, traces = recordings_of(directory, name).get(run_index), directory / "traces" / f"{name}.parquet"
+    for row, derived in read_block(traces) if recording and traces.is_file() else ():
+        if recording and row["run_index"] == run_index:
             return recording, trace_of(recording, row, derived), derived
     return recording, None, {}
 
@@ -310,7 +290,7 @@ def _track_row(track: ObstacleTrack) -> dict[str, Any]:
 
 
 def _grids(scenario: Scenario) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]]]:
-    """Yield the map, the world where it differs, and the masks of costmap filters: what and where each is, and its cells."""
+    """Yield the map, the world where it differs, and masks of costmap filters: place and cells of each."""
     map_file = scenario.environment["map_file"]
     assert isinstance(map_file, FileContent)  # else no robot would have been executed
     occupancy = load_map(map_file.path)
