@@ -18,8 +18,7 @@ from starlette.routing import BaseRoute, Route
 from vastflow.deployments.explorer import facets, trajectories
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
-from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import arrays_reply, name_of, number_of
+from vastflow.deployments.explorer.pages import Pages, arrays_reply, name_of, number_of
 from vastflow.deployments.explorer.selection import (
     WIDE_FILE,
     Bools,

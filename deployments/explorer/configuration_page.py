@@ -14,8 +14,7 @@ from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.facets import Chosen, rate_json
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
-from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import arrays_reply, json_reply, name_of
+from vastflow.deployments.explorer.pages import Pages, arrays_reply, json_reply, name_of
 from vastflow.deployments.explorer.selection import RunTable
 from vastflow.deployments.explorer.trajectories import floor_of, layer, read_paths, stored_file
 from vastflow.oracles.figures.scene import distinct_obstacles

@@ -1,19 +1,24 @@
-"""Pages: templates of the package, filled in and answered."""
+"""Queries and replies: templates of the package, filled in, JSON without NaN, and packed arrays."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlencode
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from numpy.typing import NDArray
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
-from vastflow.deployments.explorer.replies import json_reply, wants_html
+from vastflow.deployments.explorer.packed import packed
 
 TEMPLATES: Final = Path(__file__).with_name("templates")
 API: Final = "/api/"
 """Addresses whose errors are JSON, as programs read them."""
+ARRAYS: Final = "application/octet-stream"
+_MOST_DIGITS: Final = 9
 
 
 class Pages:
@@ -71,3 +76,34 @@ def count(number: object) -> str:
 def moment(iso: str) -> str:
     """Return a time of ISO 8601 for people, to the minute."""
     return iso.replace("T", " ")[:16]
+
+
+def name_of(request: Request, name: str) -> str:
+    """Return a text of the query; raises `HTTPException` without it."""
+    if not (given := request.query_params.get(name, "")):
+        raise HTTPException(400, f"{name}: expected a value in the address, got none")
+    return given
+
+
+def number_of(request: Request, name: str, otherwise: int | None = None) -> int:
+    """Return a whole number of the query; raises `HTTPException` for something else, and for none without `otherwise`."""
+    if otherwise is not None and name not in request.query_params:
+        return otherwise
+    if not (given := name_of(request, name)).isdecimal() or len(given) > _MOST_DIGITS:
+        raise HTTPException(400, f"{name}: expected a whole number, got {given!r}")
+    return int(given)
+
+
+def wants_html(request: Request) -> bool:
+    """Whether a request asks for a part of a page, and not for its values."""
+    return "text/html" in request.headers.get("accept", "")
+
+
+def json_reply(value: Any) -> Response:
+    """Return `value` as JSON; numbers that are not finite have to be None."""
+    return Response(json.dumps(value, allow_nan=False, ensure_ascii=False), media_type="application/json")
+
+
+def arrays_reply(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Response:
+    """Return arrays by name, see `vastflow.deployments.explorer.packed`."""
+    return Response(packed(header, arrays), media_type=ARRAYS)

@@ -16,8 +16,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.directories import Directories
-from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import ARRAYS, name_of, number_of
+from vastflow.deployments.explorer.pages import ARRAYS, Pages, name_of, number_of
 from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, read_verdicts
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.tasks.engine.executor import Priority, WorkerDied
