@@ -12,13 +12,13 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response, StreamingResponse
+from starlette.responses import RedirectResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer import facets, trajectories
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
-from vastflow.deployments.explorer.pages import Pages, arrays_reply, name_of, number_of
+from vastflow.deployments.explorer.pages import Pages, address, arrays_reply, name_of, number_of
 from vastflow.deployments.explorer.selection import (
     WIDE_FILE,
     Bools,
@@ -30,7 +30,6 @@ from vastflow.deployments.explorer.selection import (
     python_of,
 )
 from vastflow.oracles.results.unusable import reading
-from vastflow.sim.model.faults import UserError
 
 MOST_POINTS: Final = 5000
 MOST_LINES: Final = 800
@@ -58,12 +57,9 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
 
     def page(request: Request) -> Response:
         directory = opened.find(name_of(request, "c"))
-        problem = ""
-        try:
-            opened.of(directory.id)
-        except UserError as error:
-            problem = str(error)
-        return pages.page(request, "campaign.html.j2", 409 if problem else 200, campaign=directory, problem=problem)
+        if directory.state == "running":
+            return RedirectResponse(address("/live", c=directory.id), 303)
+        return pages.page(request, "campaign.html.j2", campaign=opened.of(directory.id).directory)
 
     def view(name: str, made: View) -> Callable[[Request], Response]:
         def answer(request: Request) -> Response:

@@ -42,18 +42,9 @@ _GIVEN: Final = ("factor", "path")
 def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page and its views."""
 
-    def page(request: Request) -> Response:
-        directory, name = opened.find(name_of(request, "c")), name_of(request, "name")
-        found: Mapping[str, Any] = {}
-        problem = ""
-        try:
-            campaign = opened.of(directory.id)
-            with reading(f"{directory.path}: {name}"):
-                found = values_of(campaign, index_of(campaign.table, name))
-        except UserError as error:
-            problem = str(error)
-        values = {"campaign": directory, "name": name, "problem": problem, "found": found}
-        return pages.page(request, "configuration.html.j2", 404 if problem else 200, **values)
+    def page(request: Request, campaign: Campaign, k: int) -> Response:
+        name, found = campaign.table.configurations[k], values_of(campaign, k)
+        return pages.page(request, "configuration.html.j2", campaign=campaign.directory, name=name, found=found)
 
     def view(made: Callable[[Request, Campaign, int], Response]) -> Callable[[Request], Response]:
         def answer(request: Request) -> Response:
@@ -65,7 +56,7 @@ def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
         return answer
 
     return [
-        Route("/configuration", page),
+        Route("/configuration", view(page)),
         Route("/api/configuration", view(lambda request, campaign, k: json_reply(values_of(campaign, k)))),
         Route("/api/configuration/paths", view(paths)),
         Route("/api/configuration/signals", view(signals)),
@@ -88,7 +79,7 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
     runs, events = [], []
     for at in own:
         run = int(table.run_index[at])
-        values = {name: value_of(table, name, at) for name in names}
+        values = {name: table.value(name, at) for name in names}
         runs.append({"run": run, "verdict": JUDGEMENTS[int(table.verdict[at])], "recorded": run in rows, **values})
         found = rows.get(run, {}).get("events", [])
         events += [{"run": run, **{key: each[key] for key in ("t_s", "kind", "x_m", "y_m", "what")}} for each in found]
@@ -99,9 +90,9 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
         "failed": failed,
         "not_judged": not_judged,
         **rate_json(Counts(passed, failed, not_judged)),
-        "family": value_of(table, "family", own.start),
+        "family": table.value("family", own.start),
         "values": [
-            {"name": n, "value": value_of(table, n, own.start)} for n, c in table.columns.items() if c.group in _GIVEN
+            {"name": n, "value": table.value(n, own.start)} for n, c in table.columns.items() if c.group in _GIVEN
         ],
         "runs": runs,
         "events": events,
@@ -126,14 +117,6 @@ def surroundings(directory: Path, name: str, rows: Sequence[Mapping[str, Any]]) 
         "goals": [[goal.x_m, goal.y_m] for goal in situation.goals],
         "obstacles": [np.asarray(each.footprint().exterior.coords).tolist() for each in obstacles],
     }
-
-
-def value_of(table: RunTable, name: str, run: int) -> float | str | None:
-    """Return a run's value in a column; None where it is missing or there is no such column."""
-    column = table.columns.get(name)
-    if column is None or column.missing[run]:
-        return None
-    return float(column.values[run]) if column.levels is None else column.levels[column.values[run]]
 
 
 def neighbor(table: RunTable, counts: NDArray[np.int64], k: int) -> Mapping[str, Any] | None:
@@ -165,9 +148,7 @@ def neighbor(table: RunTable, counts: NDArray[np.int64], k: int) -> Mapping[str,
             lacks = np.isnan(values[candidates]) != np.isnan(values[k])
             distance += np.where(lacks, 1.0, np.nan_to_num(gaps))
     nearest = int(candidates[distance.argmin()])
-    pairs = [
-        (c.name, value_of(table, c.name, int(first[k])), value_of(table, c.name, int(first[nearest]))) for c in given
-    ]
+    pairs = [(c.name, table.value(c.name, first[k]), table.value(c.name, first[nearest])) for c in given]
     passed, failed, _ = counts[nearest].tolist()
     return {
         "name": table.configurations[nearest],

@@ -306,20 +306,22 @@ def _most_frequent(table: RunTable, name: str, runs: NDArray[np.int64]) -> dict[
     column = table.columns.get(name)
     if column is None or column.levels is None:  # of an earlier version
         return {"rows": [], "left_out": 0}
-    values = column.values[runs]
-    found, first, times = np.unique(values, return_index=True, return_counts=True)
-    order = np.argsort(-times, kind="stable")
+    of = {"value": column.values[runs], "configuration": table.configuration[runs], "run": table.run_index[runs]}
+    told = [("run", "count"), ("configuration", "count_distinct"), ("configuration", "first"), ("run", "first")]
+    found = pa.table(of).group_by("value", use_threads=False).aggregate(told).sort_by([("run_count", "descending")])
     rows = [
         {
-            "value": column.levels[found[k]] if found[k] >= 0 else None,
-            "runs": int(times[k]),
-            "configurations": len(np.unique(table.configuration[runs[values == found[k]]])),
-            "configuration": table.configurations[table.configuration[runs[first[k]]]],
-            "run": int(table.run_index[runs[first[k]]]),
+            "value": column.levels[value] if value >= 0 else None,
+            "runs": times,
+            "configurations": configurations,
+            "configuration": table.configurations[first],
+            "run": run,
         }
-        for k in order[:MOST_REASONS].tolist()
+        for value, times, configurations, first, run in zip(
+            *(found[name].to_pylist() for name in ("value", *map("_".join, told))), strict=True
+        )
     ]
-    return {"rows": rows, "left_out": len(found) - len(rows)}
+    return {"rows": rows[:MOST_REASONS], "left_out": len(rows[MOST_REASONS:])}
 
 
 def axes_of(facets: Facets, chosen: Filter) -> list[str]:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
@@ -268,13 +268,10 @@ def scenario_spans(behaviors: Columns, end_s: float) -> Iterator[dict[str, Any]]
 
 def _standing(columns: Mapping[str, NDArray[np.int32]]) -> Iterator[tuple[float, float, str]]:
     """Yield start, end, and activity as far as a recording tells it: whether the robot drives or stands."""
-    if "stopped" not in columns:
-        return
-    t_s = (columns["t_ms"] * 1e-3).tolist()
-    for stands, rows in groupby(range(len(t_s)), lambda row: bool(columns["stopped"][row])):
-        first, *others = rows
-        last = others[-1] if others else first
-        yield t_s[first], t_s[min(last + 1, len(t_s) - 1)], "standing" if stands else "driving"
+    if "stopped" in columns:
+        stands, t_s = columns["stopped"] != 0, (columns["t_ms"] * 1e-3).tolist()
+        for first, end in pairwise([0, *(np.flatnonzero(np.diff(stands)) + 1).tolist(), len(t_s) - 1]):
+            yield t_s[first], t_s[end], "standing" if stands[first] else "driving"
 
 
 def _pose_row(pose: Pose) -> tuple[float, float, float]:

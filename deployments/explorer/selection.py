@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, SupportsIndex, TypeAlias
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -85,6 +85,13 @@ class RunTable:
     def rows_of(self, configuration: int) -> range:
         """Return the runs of a configuration."""
         return range(*np.searchsorted(self.configuration, (configuration, configuration + 1)).tolist())
+
+    def value(self, name: str, run: SupportsIndex) -> float | str | None:
+        """Return a run's value in a column; None where it is missing or there is no such column."""
+        column = self.columns.get(name)
+        if column is None or column.missing[run]:
+            return None
+        return float(column.values[run]) if column.levels is None else column.levels[column.values[run]]
 
     def column(self, name: str) -> Column:
         """Return a column by its name.

@@ -111,8 +111,15 @@ class Floor:
     @cached_property
     def json(self) -> Mapping[str, Any]:
         """The picture and where it lies: its lowest corner before it is turned about the map's origin, and its size."""
+        from PIL import Image
+
         (rows, columns), cell_m = self.known, self.occupancy.resolution_m
         x_m, y_m = self.occupancy.origin_xy_m
+        # Walls are gray, unknown cells faint, and free ones clear, for any background.
+        cells, out = self.occupancy.cells[self.known][::-1], io.BytesIO()
+        opacity = np.select([cells == 0, cells < 0], [0, 40], 210)
+        picture = np.stack([np.full_like(opacity, 128), opacity], axis=-1).astype(np.uint8)
+        Image.fromarray(picture, "LA").save(out, "PNG")
         return {
             "x": x_m + columns.start * cell_m,
             "y": y_m + rows.start * cell_m,
@@ -121,20 +128,8 @@ class Floor:
             "origin": [x_m, y_m],
             "yaw": self.occupancy.yaw_rad,
             "extent": list(self.grid.extent_m),
-            "picture": f"data:image/png;base64,{b64encode(self.png()).decode()}",
+            "picture": f"data:image/png;base64,{b64encode(out.getvalue()).decode()}",
         }
-
-    def png(self) -> bytes:
-        """Return the known part as a picture: walls gray, unknown cells faint, and free ones clear, for any background."""
-        from PIL import Image
-
-        cells = self.occupancy.cells[self.known][::-1]
-        picture = np.zeros((*cells.shape, 2), dtype=np.uint8)
-        picture[..., 0] = 128
-        picture[..., 1] = np.select([cells == 0, cells < 0], [0, 40], 210)
-        out = io.BytesIO()
-        Image.fromarray(picture, "LA").save(out, "PNG")
-        return out.getvalue()
 
 
 def floor_of(directory: Path, environment: str) -> Floor:

@@ -198,9 +198,8 @@ def test_running_campaign_is_sent_to_its_progress(client, results):
     (place / EVENTS).write_bytes(Event(datetime.now().astimezone(), "began", {"name": "office"}).line)
     (running,) = Directories([results]).all()
     page = client.get("/campaign", params={"c": running.id})
-    assert page.status_code == 409
-    assert "it is still running" in page.text
-    assert f"/live?c={running.id}" in page.text
+    assert (page.status_code, page.headers["location"]) == (303, f"/live?c={running.id}")
+    assert "it is still running" in client.get("/api/summary", params={"c": running.id}).json()["error"]
 
 
 def test_removed_campaign_gives_one_sentence(client, campaign):

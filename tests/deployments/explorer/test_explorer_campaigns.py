@@ -122,8 +122,8 @@ def test_change_compares_with_previous_campaign_of_the_name(directories, add_cam
     newest, other, first = rows(directories)
     assert (first.change, other.change) == (None, None)
     assert (newest.change.added, newest.change.removed, newest.change.previous) == (2, 1, first.campaign)
-    assert [text for kind, text in newest.change.lines if kind == "added"] == ["  runs: 8", "  seed: 1"]
-    assert newest.change.lines[0] == ("gap", "line 1")
+    assert [line for line in newest.change.lines if line[0] == "+"] == ["+  runs: 8", "+  seed: 1"]
+    assert newest.change.lines[0].startswith("@@ -1")
 
 
 def test_change_counts_omitted_lines(directories, add_campaign):
