@@ -2,10 +2,10 @@
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
@@ -46,23 +46,6 @@ class CampaignRow:
         return len(found) if isinstance(found, list) else 0
 
 
-@dataclass(frozen=True, slots=True)
-class Trend:
-    """Success rates of the campaigns of one name.
-
-    Attributes:
-        campaigns: With their judged runs, oldest first.
-        low, high: Ends of the scale, which the intervals are within.
-        left_out: Number of older campaigns that are not drawn.
-    """
-
-    name: str
-    campaigns: Sequence[tuple[CampaignDirectory, Counts]]
-    low: float
-    high: float
-    left_out: int
-
-
 def counts_of(campaign: CampaignDirectory) -> Counts | None:
     """Return the runs of a finished campaign, or None where they are not known."""
     told = campaign.metadata.get("counts", {}) if campaign.state == "finished" else {}
@@ -82,22 +65,25 @@ def rows_of(found: Sequence[CampaignDirectory], change_of: Changes) -> Iterator[
         yield CampaignRow(each, counts_of(each), change)
 
 
-def trends_of(rows: Sequence[CampaignRow]) -> list[Trend]:
-    """Return the trend of each name that several campaigns with judged runs have, the newest name first."""
+def trends_of(rows: Sequence[CampaignRow]) -> Iterator[Mapping[str, Any]]:
+    """Yield the newest rates of each name that several campaigns with judged runs have, the newest name first.
+
+    A trend has its campaigns with their runs, oldest first, the ends of the scale, and the number of older ones that are left out.
+    """
     series: dict[str, list[tuple[CampaignDirectory, Counts]]] = {}
     for row in rows:
         if row.counts is not None and row.counts.judged:
             series.setdefault(row.campaign.name, []).insert(0, (row.campaign, row.counts))
-    return [trend_of(name, campaigns) for name, campaigns in series.items() if len(campaigns) > 1]
-
-
-def trend_of(name: str, campaigns: Sequence[tuple[CampaignDirectory, Counts]]) -> Trend:
-    """Return the trend of campaigns with judged runs, oldest first; at least one."""
-    drawn = campaigns[-MOST_POINTS:]
-    low = min(counts.interval.low for _, counts in drawn)
-    high = max(counts.interval.high for _, counts in drawn)
-    ends = math.floor(round(low / _STEP, 6)) * _STEP, math.ceil(round(high / _STEP, 6)) * _STEP
-    return Trend(name, drawn, *ends, len(campaigns) - len(drawn))
+    for name, campaigns in series.items():
+        if len(campaigns) > 1:
+            drawn = campaigns[-MOST_POINTS:]
+            low = min(counts.interval.low for _, counts in drawn)
+            high = max(counts.interval.high for _, counts in drawn)
+            scale = {
+                "low": math.floor(round(low / _STEP, 6)) * _STEP,
+                "high": math.ceil(round(high / _STEP, 6)) * _STEP,
+            }
+            yield {"name": name, "campaigns": drawn, **scale, "left_out": len(campaigns) - len(drawn)}
 
 
 def version_of(found: Sequence[CampaignDirectory]) -> str:
@@ -119,7 +105,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             "campaigns.html.j2",
             rows=rows,
             version=version_of(every),
-            trends=trends_of(rows),
+            trends=[*trends_of(rows)],
             roots=directories.roots,
             name=name,
             names=len({each.name for each in every}),

@@ -1,5 +1,6 @@
 """Addresses of a run: its page, its frames, its layers, and the failed runs around it."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,17 @@ def test_around_run_finds_failed_runs_in_order_of_configurations(add_campaign):
     found = [(each["before"], each["after"]) for each in around]
     assert found == [(None, second), (first, second), (second, last), (third, None)]
     assert around[2]["runs"] == {0: "fail", 1: "fail", 2: "pass", 3: "pass"}
+
+
+def test_run_page_has_verdicts_time_line_and_signals(client, add_campaign, id_of):
+    campaign = id_of(add_campaign(3, {"quiet": [1]}))
+    page = client.get("/run", params=of(campaign, **{"with": "quiet-1", "withrun": 1})).text
+    assert '<h2>quiet-1, run 0 <strong class="fail">failed</strong></h2>' in page
+    assert '<h2>quiet-1, run 1 <strong class="pass">passed</strong></h2>' in page
+    assert page.count('<svg class="robot"') == 2 and ">robot A</text>" in page
+    speed = re.search(r"<span>Speed</span>.*?</svg>\n</svg>", page, re.DOTALL)[0]
+    assert re.findall(r'data-side="(\d)" data-column="(\w+)"', speed) == [("0", "speed_mmps"), ("1", "speed_mmps")]
+    assert speed.count('<path d="M0 -0.5L') == 2
 
 
 def test_frames_reply_is_that_of_the_run(client, add_campaign, id_of):
