@@ -184,24 +184,20 @@ def signals(request: Request, campaign: Campaign, k: int) -> Response:
         raise HTTPException(400, f"over: expected {TIME} or {DISTANCE}, got {over!r}")
     table = campaign.table
     at = {int(table.run_index[row]): row for row in table.rows_of(k)}
-    x, y, runs, verdicts, starts = [], [], [], [], [0]
-    for run, columns in _signals(campaign, k):
-        if run not in at or name not in columns:
-            continue
+    found = [(at[run], columns) for run, columns in _signals(campaign, k) if run in at and name in columns]
+    x, y = [np.zeros(0)], [np.zeros(0)]
+    for _, columns in found:
         along = columns[TIME] if over == TIME else _driven_m(columns)
         keep = np.unique(np.linspace(0, len(along) - 1, min(len(along), MOST_SAMPLES)).astype(np.int64))
         x.append(along[keep])
         y.append(np.where(np.isfinite(columns[name][keep]), columns[name][keep], np.nan))
-        runs.append(run)
-        verdicts.append(int(table.verdict[at[run]]))
-        starts.append(starts[-1] + len(keep))
-    empty = np.zeros(0)
+    rows = np.array([row for row, _ in found], dtype=np.int64)
     arrays: dict[str, NDArray[Any]] = {
-        "x": np.concatenate(x or [empty]).astype(np.float32),
-        "y": np.concatenate(y or [empty]).astype(np.float32),
-        "starts": np.array(starts, np.int32),
-        "run": np.array(runs, np.int32),
-        "verdict": np.array(verdicts, np.uint8),
+        "x": np.concatenate(x).astype(np.float32),
+        "y": np.concatenate(y).astype(np.float32),
+        "starts": np.cumsum([*map(len, x)]).astype(np.int32),
+        "run": table.run_index[rows].astype(np.int32),
+        "verdict": table.verdict[rows].astype(np.uint8),
     }
     return arrays_reply({"signal": name, "over": over}, arrays)
 

@@ -127,7 +127,7 @@ class Facets:
                 if condition is not None:
                     others = {column: each for column, each in chosen.items() if column != name}
                     runs = Chosen(self.table, mask_of(self.table, others))
-                shown.append(_values(facet, runs, condition) if facet.kind == "values" else _numbers(facet, runs))
+                shown.append(_facet_json(facet, runs, condition))
         constant = [(name, facet) for name, facet in self.facets.items() if facet.kind == "constant"]
         return {
             "facets": shown,
@@ -141,25 +141,19 @@ class Facets:
         return [n for n, each in self.facets.items() if each.kind in kinds and group in (None, each.column.group)]
 
 
-def _described(column: Column, kind: Kind) -> dict[str, Any]:
-    return {"name": column.name, "group": column.group, "unit": column.unit, "kind": kind}
-
-
-def _numbers(facet: Facet, chosen: Chosen) -> dict[str, Any]:
-    counts = chosen.of(facet)
-    ends = {"low": float(facet.edges[0]), "high": float(facet.edges[-1])}
-    missing = int(counts[BINS].sum())
-    return {**_described(facet.column, "numbers"), **ends, "counts": counts[:BINS].tolist(), "missing": missing}
-
-
-def _values(facet: Facet, chosen: Chosen, condition: Condition | None) -> dict[str, Any]:
-    counts, order = chosen.of(facet), np.arange(facet.size)
+def _facet_json(facet: Facet, chosen: Chosen, condition: Condition | None) -> dict[str, Any]:
+    counts, column = chosen.of(facet), facet.column
+    told = {"name": column.name, "group": column.group, "unit": column.unit, "kind": facet.kind}
+    if facet.kind == "numbers":
+        ends = {"low": float(facet.edges[0]), "high": float(facet.edges[-1])}
+        return {**told, **ends, "counts": counts[:BINS].tolist(), "missing": int(counts[BINS].sum())}
+    order = np.arange(facet.size)
     if len(order) > MOST_VALUES:
         order = np.sort(np.argsort(-counts.sum(axis=1), kind="stable")[:MOST_VALUES])
         asked = condition.values if isinstance(condition, ValuesOf) else ()
         order = np.union1d(order, [k for k, value in enumerate(facet.values) if value in asked]).astype(np.int64)
     shown = [{"value": facet.values[k], **_counts_json(counts[k])} for k in order.tolist()]
-    return {**_described(facet.column, "values"), "values": shown, "left_out": facet.size - len(order)}
+    return {**told, "values": shown, "left_out": facet.size - len(order)}
 
 
 def _counts(cells: NDArray[Any], verdict: NDArray[np.int8], n: int) -> NDArray[np.int64]:

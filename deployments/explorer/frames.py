@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import pyarrow.compute as pc
@@ -22,7 +22,6 @@ from vastflow.oracles.results.executed import KeptFiles, configuration_row, reco
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns, Event, Recording
 from vastflow.sim.model.scenario import Scenario
@@ -32,18 +31,6 @@ from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.world.difference import world_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
-
-Mark: TypeAlias = Literal["contact", "recovery", "error", "goal", "obstacle", "stop"]
-"""Kinds of ticks on the time line."""
-MARKS: Final[Mapping[str, Mark]] = {
-    "contact": "contact",
-    "recovery": "recovery",
-    **dict.fromkeys(("plan_failed", "control_failed", "goal_missed", "stood_still"), "error"),
-    "goal_reached": "goal",
-    **dict.fromkeys(("spawned", "deleted"), "obstacle"),
-    "stopped_by_monitor": "stop",
-}
-"""Kind of event to its tick; others, such as each move of an obstacle, have none."""
 
 POSES: Final = ("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad")
 _CLEARANCES: Final = {"wall": "walls", "static": "obstacles", "appearing": "appearing obstacles"}
@@ -178,7 +165,7 @@ def frames_of(run: StoredRun, asked: str) -> bytes:
     grids = [*_grids(run.scenario)]
     facts |= {
         "robot": {"radius_m": robot.radius_m, "vertices": robot.vertices},
-        "goals": [_pose_row(goal) for goal in situation.goals],
+        "goals": [(goal.x_m, goal.y_m) for goal in situation.goals],
         "obstacles": [_track_row(track) for track in obstacle_tracks_of(situation, run.recording.run)],
         "activities": [*_standing(run.columns)],
         "nowhere": NOWHERE_MM,
@@ -216,13 +203,13 @@ def _path(t_ms: NDArray[np.int32], values: NDArray[np.int32]) -> str:
 
 def _event_rows(events: Iterable[Event]) -> Iterator[dict[str, Any]]:
     for event in events:
-        if event.kind in MARKS:
-            row = {"t_s": event.t_s, "mark": MARKS[event.kind], "x_m": event.x_m, "y_m": event.y_m}
-            yield {**row, "text": _words(event)}
+        if (text := _words(event)) is not None:
+            yield {"t_s": event.t_s, "kind": event.kind, "x_m": event.x_m, "y_m": event.y_m, "text": text}
 
 
-def _words(event: Event) -> str:
-    """Return an event in a few words. Those of `vastflow.oracles.replay.story` would import the simulator's kernels."""
+def _words(event: Event) -> str | None:
+    """Return an event in a few words; None for others, such as each move of an obstacle."""
+    # The words of `vastflow.oracles.replay.story` would import the simulator's kernels.
     match event.kind:
         case "contact":
             return f"contact with {event.what} at {event.value:.2f} m/s"
@@ -236,8 +223,9 @@ def _words(event: Event) -> str:
             return f"{event.what} {'appears' if event.kind == 'spawned' else 'disappears'}"
         case "stopped_by_monitor":
             return "stopped by the collision monitor"
-        case _:
+        case "recovery" | "stood_still":
             return f"{event.kind.replace('_', ' ')}: {event.what}"
+    return None
 
 
 def scenario_spans(behaviors: Columns, end_s: float) -> Iterator[dict[str, Any]]:
@@ -272,10 +260,6 @@ def _standing(columns: Mapping[str, NDArray[np.int32]]) -> Iterator[tuple[float,
         stands, t_s = columns["stopped"] != 0, (columns["t_ms"] * 1e-3).tolist()
         for first, end in pairwise([0, *(np.flatnonzero(np.diff(stands)) + 1).tolist(), len(t_s) - 1]):
             yield t_s[first], t_s[end], "standing" if stands[first] else "driving"
-
-
-def _pose_row(pose: Pose) -> tuple[float, float, float]:
-    return pose.x_m, pose.y_m, pose.yaw_rad
 
 
 def _track_row(track: ObstacleTrack) -> dict[str, Any]:

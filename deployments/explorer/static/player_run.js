@@ -19,7 +19,7 @@ export class Run {
     this.t = this.columns.t_ms || new Float64Array(1);
     this.end = Math.max(header.simulated_s || 0, this.t[this.t.length - 1]);
     this.events = header.events || [];
-    this.contacts = this.events.filter((event) => event.mark === "contact");
+    this.contacts = this.events.filter((event) => event.kind === "contact");
   }
 
   /** Sample at or before a time, the one after it, and the share of the time between them. */

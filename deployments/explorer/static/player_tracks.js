@@ -1,5 +1,5 @@
 /** The time line and the signals over one time axis, which the server drew: a cursor, values, and what robots did. */
-import { drawn, number } from "./dom.js";
+import { drawn } from "./dom.js";
 
 /** Pixels; the style sheet has the same edges. */
 const [LEFT, RIGHT] = [52, 12];
@@ -49,7 +49,8 @@ export class Tracks {
     this.line.setAttribute("aria-valuenow", t.toFixed(2));
     for (const output of this.place.querySelectorAll("output")) {
       const { run } = this.sides[output.dataset.side];
-      output.textContent = number(t > run.end ? NaN : run.value(output.dataset.column, t));
+      const value = t > run.end ? NaN : run.value(output.dataset.column, t);
+      output.textContent = Number.isNaN(value) ? "–" : value.toFixed(2);
     }
   }
 

@@ -102,18 +102,18 @@ def test_frames_hold_map_start_goals_and_reference(directory: Path):
     assert cells.shape == (80, 100)  # the known part
     assert (cells[0, 0], cells[1, 1]) == (WALL, FREE)
     assert UNKNOWN not in cells
-    assert header["goals"] == [[3.8, 2.0, 0.0]]
+    assert header["goals"] == [[3.8, 2.0]]
     assert header["robot"] == {"radius_m": 0.17, "vertices": []}
     assert np.hypot(*(arrays["reference"][-1] - (3.8, 2.0))) < 0.05
 
 
 def test_frames_hold_events_and_moves_of_obstacles(directory: Path):
     header, _ = unpacked(frames_of(stored_run(directory, "office-1", 0), "office-1"))
-    assert [(event["t_s"], event["mark"], event["text"]) for event in header["events"]] == [
-        (0.5, "error", "planner failed: no valid path (208)"),
+    assert [(event["t_s"], event["kind"], event["text"]) for event in header["events"]] == [
+        (0.5, "plan_failed", "planner failed: no valid path (208)"),
         (0.5, "recovery", "recovery: spin"),
         (1.25, "contact", "contact with box_3_2.5 at 0.20 m/s"),
-        (3.0, "goal", "goal 1 reached"),
+        (3.0, "goal_reached", "goal 1 reached"),
     ]
     (box,) = header["obstacles"]
     assert box["places"] == [[-0.001, 3.0, 2.5, 0.0], [1.2, 3.1, 2.5, 0.1]]
