@@ -39,12 +39,6 @@ class CampaignRow:
     counts: Counts | None
     change: FileChange | None
 
-    @property
-    def faults(self) -> int:
-        """Number of faults, which are no failures of the system under test."""
-        found = self.campaign.metadata.get("faults")
-        return len(found) if isinstance(found, list) else 0
-
 
 def counts_of(campaign: CampaignDirectory) -> Counts | None:
     """Return the runs of a finished campaign, or None where they are not known."""

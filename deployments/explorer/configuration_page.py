@@ -21,7 +21,7 @@ from vastflow.oracles.figures.scene import distinct_obstacles
 from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import signal_name, signals_of
-from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
+from vastflow.oracles.results.executed import KeptFiles, configuration_row, scenario_of_row
 from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, PASS
 from vastflow.oracles.results.unusable import reading
 from vastflow.oracles.statistics.intervals import Counts
@@ -105,9 +105,8 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
 
 def surroundings(directory: Path, name: str, rows: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
     """Return start, goals, and outlines of obstacles, those that runs spawned too; empty where the scenario can't be rebuilt."""
-    found = pq.read_table(directory / "configurations.parquet", filters=[("name", "==", name)]).to_pylist()
     try:
-        situation = situation_of(scenario_of_row(found[0], KeptFiles(directory)))
+        situation = situation_of(scenario_of_row(configuration_row(directory, name), KeptFiles(directory)))
     except (OSError, ValueError, LookupError):
         return {"start": None, "goals": [], "obstacles": []}
     spawned = [obstacle for row in rows if row.get("entities") for obstacle in spawned_by(run_of(row))]
