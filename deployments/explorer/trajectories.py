@@ -117,9 +117,8 @@ class Floor:
         x_m, y_m = self.occupancy.origin_xy_m
         # Walls are gray, unknown cells faint, and free ones clear, for any background.
         cells, out = self.occupancy.cells[self.known][::-1], io.BytesIO()
-        opacity = np.select([cells == 0, cells < 0], [0, 40], 210)
-        picture = np.stack([np.full_like(opacity, 128), opacity], axis=-1).astype(np.uint8)
-        Image.fromarray(picture, "LA").save(out, "PNG")
+        opacity = np.select([cells == 0, cells < 0], [0, 40], 210).astype(np.uint8)
+        Image.fromarray(np.dstack([np.full_like(opacity, 128), opacity]), "LA").save(out, "PNG", compress_level=1)
         return {
             "x": x_m + columns.start * cell_m,
             "y": y_m + rows.start * cell_m,

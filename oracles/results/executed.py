@@ -10,12 +10,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from vastflow.oracles.judgement.notebook import RunTables, run_tables
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import trace_of
-from vastflow.oracles.results.schema import behaviors_of, read_columns, table_rows
+from vastflow.oracles.results.schema import behaviors_of, table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.blocks import read_block, read_recordings
 from vastflow.sim.model.digest import FileContent, file_digest
@@ -72,10 +72,11 @@ class KeptFiles:
 
 def configuration_row(directory: Path, configuration: str) -> Mapping[str, Any]:
     """Return a row of `configurations.parquet`; raises `UnusableDirectory` if there is none of this name."""
-    table = read_columns(directory / "configurations.parquet")
-    found: list[Mapping[str, Any]] = table.filter(pc.equal(table["name"], configuration)).to_pylist()
+    file = directory / "configurations.parquet"
+    found: list[Mapping[str, Any]] = pq.read_table(file, filters=[("name", "==", configuration)]).to_pylist()
     if not found:
-        hint = did_you_mean(configuration, table["name"].to_pylist(), "it has none", listed="it has")
+        names = [row["name"] for row in table_rows(file, "name")]
+        hint = did_you_mean(configuration, names, "it has none", listed="it has")
         raise UnusableDirectory(f"{directory}: no configuration {configuration!r}; {hint}")
     return found[0]
 
