@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, TypeAlias
@@ -85,7 +86,7 @@ class StoredRun:
         reference = self.trace.reference if self.trace is not None else None
         return reference.points_xy_m if isinstance(reference, Reference) else np.empty((0, 2))
 
-    @property
+    @cached_property
     def columns(self) -> Mapping[str, NDArray[np.int32]]:
         """Recorded and derived columns that mean something."""
         stored = {**(self.recording.columns if self.recording is not None else {}), **self.derived}

@@ -5,6 +5,7 @@ import threading
 import weakref
 from collections.abc import Mapping
 from concurrent.futures import Future
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -43,20 +44,18 @@ class KeptLayers:
     def __init__(self) -> None:
         self._asked: dict[tuple[Path, str, int], Future[bytes]] = {}
         self._lock = threading.Lock()
-        self._pool: Pool | None = None
 
     def prepare(self) -> None:
         """Start the process, so that it is ready when layers are asked for."""
         with self._lock:
-            if self._pool is None:
-                self._running().prepare(_prepared)
+            self._pool.prepare(_prepared)
 
-    def _running(self) -> Pool:
-        if self._pool is None:
-            self._pool = Pool(1)
-            # At the interpreter's exit the pool ends by itself, before finalizers could ask for it.
-            weakref.finalize(self, self._pool.close).atexit = False
-        return self._pool
+    @cached_property
+    def _pool(self) -> Pool:
+        pool = Pool(1)
+        # At the interpreter's exit the pool ends by itself, before finalizers could ask for it.
+        weakref.finalize(self, pool.close).atexit = False
+        return pool
 
     def layers(self, directory: Path, configuration: str, run_index: int) -> "Future[bytes]":
         """Return the compressed layers of a run; the future may raise `UnusableDirectory` or `WorkerDied`."""
@@ -64,7 +63,7 @@ class KeptLayers:
         with self._lock:
             known = self._asked.pop(key, None)
             if known is None or (known.done() and known.exception()):
-                known = self._running().submit(_layers, *key, priority=Priority.EXECUTE)
+                known = self._pool.submit(_layers, *key, priority=Priority.EXECUTE)
             self._asked[key] = known
             if len(self._asked) > KEPT_RUNS:
                 del self._asked[next(iter(self._asked))]
@@ -109,6 +108,9 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         if beside:
             places.append((directories.find(request.query_params.get("withc") or campaign.id).path, *beside))
         runs = [frames.stored_run(*place) for place in places]
+        with reading(campaign.path.name):
+            sides = [frames.facts_of(run, asked) for run, (_, asked, _) in zip(runs, places, strict=True)]
+            plots = [*frames.plots_of(runs)]
         return pages.page(
             request,
             "run.html.j2",
@@ -118,8 +120,8 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             beside=beside,
             elsewhere=elsewhere,
             around=around_run(campaign.path, runs[0].configuration, run_index),
-            sides=[frames.facts_of(run, asked) for run, (_, asked, _) in zip(runs, places, strict=True)],
-            plots=[*frames.plots_of(runs)],
+            sides=sides,
+            plots=plots,
         )
 
     def frames(request: Request) -> Response:
