@@ -15,7 +15,7 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
-from vastflow.deployments.explorer import facets, trajectories
+from vastflow.deployments.explorer import configuration_page, facets, trajectories
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages, address, arrays_reply, name_of, number_of
@@ -51,8 +51,6 @@ View = Callable[[Request, Campaign, Filter, Bools], Response | Mapping[str, Any]
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the pages of campaigns and configurations, which share opened campaigns."""
-    from vastflow.deployments.explorer import configuration_page
-
     opened = OpenedCampaigns(directories)
 
     def page(request: Request) -> Response:

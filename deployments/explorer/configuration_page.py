@@ -9,12 +9,12 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.facets import Chosen, rate_json
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
-from vastflow.deployments.explorer.pages import Pages, arrays_reply, json_reply, name_of
+from vastflow.deployments.explorer.pages import Pages, arrays_reply, name_of
 from vastflow.deployments.explorer.selection import RunTable
 from vastflow.deployments.explorer.trajectories import floor_of, layer, read_paths, stored_file
 from vastflow.oracles.figures.scene import distinct_obstacles
@@ -57,7 +57,7 @@ def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
 
     return [
         Route("/configuration", view(page)),
-        Route("/api/configuration", view(lambda request, campaign, k: json_reply(values_of(campaign, k)))),
+        Route("/api/configuration", view(lambda request, campaign, k: JSONResponse(values_of(campaign, k)))),
         Route("/api/configuration/paths", view(paths)),
         Route("/api/configuration/signals", view(signals)),
     ]

@@ -1,6 +1,5 @@
 """Queries and replies: templates of the package, filled in, JSON without NaN, and packed arrays."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -42,7 +41,8 @@ class Pages:
 
     def part(self, request: Request, template: str, values: Mapping[str, Any]) -> Response:
         """Return values as a part of a page, or as JSON for programs."""
-        return self.page(request, template, **values) if wants_html(request) else json_reply(values)
+        is_asked = "text/html" in request.headers.get("accept", "")
+        return self.page(request, template, **values) if is_asked else JSONResponse(values)
 
     def sentence(self, request: Request, status: int, text: str) -> Response:
         """Return a page, or JSON below `/api/`, that says in one sentence what went wrong."""
@@ -92,16 +92,6 @@ def number_of(request: Request, name: str, otherwise: int | None = None) -> int:
     if not (given := name_of(request, name)).isdecimal() or len(given) > _MOST_DIGITS:
         raise HTTPException(400, f"{name}: expected a whole number, got {given!r}")
     return int(given)
-
-
-def wants_html(request: Request) -> bool:
-    """Whether a request asks for a part of a page, and not for its values."""
-    return "text/html" in request.headers.get("accept", "")
-
-
-def json_reply(value: Any) -> Response:
-    """Return `value` as JSON; numbers that are not finite have to be None."""
-    return Response(json.dumps(value, allow_nan=False, ensure_ascii=False), media_type="application/json")
 
 
 def arrays_reply(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Response:
