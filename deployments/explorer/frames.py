@@ -18,7 +18,7 @@ from vastflow.oracles.figures.scene import known_cells, known_extent_m, zones_of
 from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
-from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, Trace, trace_of
+from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, trace_of
 from vastflow.oracles.results.executed import KeptFiles, configuration_row, recordings_of, scenario_of_row
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.blocks import read_block
@@ -57,6 +57,7 @@ ERRORS: Final[Mapping[int, str]] = {
 }
 """Nav2's codes and names; planning through poses has those of planning to a pose, 100 higher."""
 
+NO_POINTS: Final = np.empty((0, 2))
 FREE, WALL, UNKNOWN = 0, 1, 2
 """Cells of maps in a reply; those of masks are 0 to 100."""
 
@@ -67,7 +68,8 @@ class StoredRun:
 
     Attributes:
         configuration: The executed one; a duplicate's original.
-        recording, trace: None where the run was not recorded.
+        recording: None where the run was not recorded.
+        reference_xy_m: Points (N, 2) of the reference path; none where the run has no such path.
         derived: Stored columns of the trace.
         verdicts: Rows of `verdicts.parquet`, one for each oracle.
     """
@@ -76,15 +78,9 @@ class StoredRun:
     run_index: int
     scenario: Scenario
     recording: Recording | None = field(repr=False)
-    trace: Trace | None = field(repr=False)
+    reference_xy_m: NDArray[np.float64] = field(repr=False)
     derived: Mapping[str, NDArray[np.int32]] = field(repr=False)
     verdicts: Sequence[Mapping[str, Any]] = field(repr=False)
-
-    @property
-    def reference_xy_m(self) -> NDArray[np.float64]:
-        """Points (N, 2) of the reference path; none where the run has no such path."""
-        reference = self.trace.reference if self.trace is not None else None
-        return reference.points_xy_m if isinstance(reference, Reference) else np.empty((0, 2))
 
     @cached_property
     def columns(self) -> Mapping[str, NDArray[np.int32]]:
@@ -112,15 +108,16 @@ def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun
         return StoredRun(name, run_index, scenario, *_recorded(directory, name, run_index), verdicts)
 
 
-_Recorded: TypeAlias = tuple[Recording | None, Trace | None, Mapping[str, NDArray[np.int32]]]
+_Recorded: TypeAlias = tuple[Recording | None, NDArray[np.float64], Mapping[str, NDArray[np.int32]]]
 
 
 def _recorded(directory: Path, name: str, run_index: int) -> _Recorded:
     recording, traces = recordings_of(directory, name).get(run_index), directory / "traces" / f"{name}.parquet"
     for row, derived in read_block(traces) if recording and traces.is_file() else ():
         if recording and row["run_index"] == run_index:
-            return recording, trace_of(recording, row, derived), derived
-    return recording, None, {}
+            reference = trace_of(recording, row, derived).reference
+            return recording, reference.points_xy_m if isinstance(reference, Reference) else NO_POINTS, derived
+    return recording, NO_POINTS, {}
 
 
 def facts_of(run: StoredRun, asked: str) -> dict[str, Any]:

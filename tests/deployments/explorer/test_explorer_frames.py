@@ -12,6 +12,7 @@ from unpacked import unpacked
 from vastflow.deployments.explorer.frames import (
     ERRORS,
     FREE,
+    NO_POINTS,
     UNKNOWN,
     WALL,
     StoredRun,
@@ -160,7 +161,7 @@ def test_frames_without_robot_have_events_and_actions():
     }
     told = Run(0, "1:2:0", "failed", 0, "exit code 3", 2.6, 0.0, 0, 0)
     scenario = Scenario("builtin:navigate_to_pose", 60.0, {}, {}, {})
-    run = StoredRun("growth-1", 0, scenario, Recording(told, {}, behaviors), None, {}, [])
+    run = StoredRun("growth-1", 0, scenario, Recording(told, {}, behaviors), NO_POINTS, {}, [])
     header, arrays = unpacked(frames_of(run, "growth-1"))
     assert header["sentence"].startswith("This scenario has no robot")
     assert "outputs/growth-1.zip" in header["sentence"]
@@ -190,8 +191,8 @@ def test_scenario_spans_run_to_the_end_without_last_status():
 
 def test_frames_leave_deviation_out_without_reference(directory: Path):
     run = stored_run(directory, "office-1", 0)
-    assert run.trace is not None
-    without = replace(run, trace=None)
+    assert len(run.reference_xy_m)
+    without = replace(run, reference_xy_m=NO_POINTS)
     _, arrays = unpacked(frames_of(without, "office-1"))
     assert "deviation_mm" not in arrays
     assert "Off the reference path" not in [plot["title"] for plot in plots_of([without])]
