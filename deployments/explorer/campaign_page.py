@@ -12,14 +12,13 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response, StreamingResponse
+from starlette.responses import RedirectResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
-from vastflow.deployments.explorer import facets, trajectories
+from vastflow.deployments.explorer import configuration_page, facets, trajectories
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
-from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import arrays_reply, name_of, number_of
+from vastflow.deployments.explorer.pages import Pages, address, arrays_reply, name_of, number_of
 from vastflow.deployments.explorer.selection import (
     WIDE_FILE,
     Bools,
@@ -31,7 +30,6 @@ from vastflow.deployments.explorer.selection import (
     python_of,
 )
 from vastflow.oracles.results.unusable import reading
-from vastflow.sim.model.faults import UserError
 
 MOST_POINTS: Final = 5000
 MOST_LINES: Final = 800
@@ -53,18 +51,13 @@ View = Callable[[Request, Campaign, Filter, Bools], Response | Mapping[str, Any]
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the pages of campaigns and configurations, which share opened campaigns."""
-    from vastflow.deployments.explorer import configuration_page
-
     opened = OpenedCampaigns(directories)
 
     def page(request: Request) -> Response:
         directory = opened.find(name_of(request, "c"))
-        problem = ""
-        try:
-            opened.of(directory.id)
-        except UserError as error:
-            problem = str(error)
-        return pages.page(request, "campaign.html.j2", 409 if problem else 200, campaign=directory, problem=problem)
+        if directory.state == "running":
+            return RedirectResponse(address("/live", c=directory.id), 303)
+        return pages.page(request, "campaign.html.j2", campaign=opened.of(directory.id).directory)
 
     def view(name: str, made: View) -> Callable[[Request], Response]:
         def answer(request: Request) -> Response:
@@ -81,7 +74,6 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         "rows": rows,
         "points": points,
         "paths": paths,
-        "map.png": map_picture,
         "table": table,
     }
     return [
@@ -130,7 +122,8 @@ def points(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) ->
 
 def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
     """Return a layer of the map of the runs that were read so far."""
-    environment = _environment(request, campaign)
+    if (environment := name_of(request, "environment")) not in [each["id"] for each in campaign.maps]:
+        raise HTTPException(400, f"environment: expected a map of this campaign, got {environment!r}")
     asked = request.query_params.get("layer", "paths")
     if asked not in trajectories.LAYERS:
         raise HTTPException(400, f"layer: expected one of {', '.join(trajectories.LAYERS)}, got {asked!r}")
@@ -140,26 +133,12 @@ def paths(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
         "read": found.done,
         "configurations_here": len(found.configurations),
         "damaged": found.damaged,
-        "floor": found.floor.json() if found.floor else None,
+        "floor": found.floor.json if found.floor else None,
     }
     if found.paths is None or found.floor is None:
         return arrays_reply({**header, "form": "nothing"}, {})
     told, arrays = trajectories.layer(found.paths, campaign.table, mask, found.floor.grid, asked)
     return arrays_reply({**header, **told}, arrays)
-
-
-def map_picture(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:
-    """Return the picture of an environment's map."""
-    with reading(campaign.directory.path):
-        floor = trajectories.floor_of(campaign.directory.path, _environment(request, campaign))
-        return Response(floor.png(), media_type="image/png")
-
-
-def _environment(request: Request, campaign: Campaign) -> str:
-    environment = name_of(request, "environment")
-    if environment not in [each["id"] for each in campaign.maps]:
-        raise HTTPException(400, f"environment: expected a map of this campaign, got {environment!r}")
-    return environment
 
 
 def table(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:

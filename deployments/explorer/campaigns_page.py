@@ -2,10 +2,10 @@
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
@@ -18,10 +18,6 @@ from vastflow.oracles.statistics.intervals import Counts
 
 MOST_POINTS: Final = 30
 """Campaigns in a drawing, the newest."""
-WIDTH_PX: Final = 260
-HEIGHT_PX: Final = 64
-_LEFT_PX: Final = 34
-_MARGIN_PX: Final = 8
 _STEP: Final = 0.1
 """Steps of the ends of the scale."""
 
@@ -43,45 +39,6 @@ class CampaignRow:
     counts: Counts | None
     change: FileChange | None
 
-    @property
-    def faults(self) -> int:
-        """Number of faults, which are no failures of the system under test."""
-        found = self.campaign.metadata.get("faults")
-        return len(found) if isinstance(found, list) else 0
-
-
-@dataclass(frozen=True, slots=True)
-class Point:
-    """A campaign in the drawing; places in pixels, y downwards."""
-
-    campaign: CampaignDirectory
-    counts: Counts
-    x_px: float
-    y_px: float
-    low_px: float
-    high_px: float
-
-
-@dataclass(frozen=True, slots=True)
-class Trend:
-    """Success rates of the campaigns of one name, oldest first.
-
-    Attributes:
-        low, high: Ends of the scale, which the intervals are within.
-        left_out: Number of older campaigns that are not drawn.
-    """
-
-    name: str
-    points: tuple[Point, ...]
-    low: float
-    high: float
-    left_out: int
-
-    @property
-    def line(self) -> str:
-        """The points as SVG has them."""
-        return " ".join(f"{point.x_px:g},{point.y_px:g}" for point in self.points)
-
 
 def counts_of(campaign: CampaignDirectory) -> Counts | None:
     """Return the runs of a finished campaign, or None where they are not known."""
@@ -102,31 +59,25 @@ def rows_of(found: Sequence[CampaignDirectory], change_of: Changes) -> Iterator[
         yield CampaignRow(each, counts_of(each), change)
 
 
-def trends_of(rows: Sequence[CampaignRow]) -> list[Trend]:
-    """Return the trend of each name that several campaigns with judged runs have, the newest name first."""
+def trends_of(rows: Sequence[CampaignRow]) -> Iterator[Mapping[str, Any]]:
+    """Yield the newest rates of each name that several campaigns with judged runs have, the newest name first.
+
+    A trend has its campaigns with their runs, oldest first, the ends of the scale, and the number of older ones that are left out.
+    """
     series: dict[str, list[tuple[CampaignDirectory, Counts]]] = {}
     for row in rows:
         if row.counts is not None and row.counts.judged:
             series.setdefault(row.campaign.name, []).insert(0, (row.campaign, row.counts))
-    return [trend_of(name, campaigns) for name, campaigns in series.items() if len(campaigns) > 1]
-
-
-def trend_of(name: str, campaigns: Sequence[tuple[CampaignDirectory, Counts]]) -> Trend:
-    """Return the trend of campaigns with judged runs, oldest first; at least one."""
-    drawn = campaigns[-MOST_POINTS:]
-    ends = [(counts.interval.low, counts.interval.high) for _, counts in drawn]
-    low = math.floor(round(min(low for low, _ in ends) / _STEP, 6)) * _STEP
-    high = math.ceil(round(max(high for _, high in ends) / _STEP, 6)) * _STEP
-    span_px, step_px = HEIGHT_PX - 2 * _MARGIN_PX, (WIDTH_PX - _LEFT_PX - 2 * _MARGIN_PX) / max(1, len(drawn) - 1)
-
-    def at(rate: float) -> float:
-        return round(HEIGHT_PX - _MARGIN_PX - span_px * (rate - low) / (high - low), 1)
-
-    points = []
-    for k, ((campaign, counts), end) in enumerate(zip(drawn, ends, strict=True)):
-        x_px = round(_LEFT_PX + _MARGIN_PX + k * step_px, 1)
-        points.append(Point(campaign, counts, x_px, at(counts.rate or 0.0), at(end[0]), at(end[1])))
-    return Trend(name, tuple(points), low, high, len(campaigns) - len(drawn))
+    for name, campaigns in series.items():
+        if len(campaigns) > 1:
+            drawn = campaigns[-MOST_POINTS:]
+            low = min(counts.interval.low for _, counts in drawn)
+            high = max(counts.interval.high for _, counts in drawn)
+            scale = {
+                "low": math.floor(round(low / _STEP, 6)) * _STEP,
+                "high": math.ceil(round(high / _STEP, 6)) * _STEP,
+            }
+            yield {"name": name, "campaigns": drawn, **scale, "left_out": len(campaigns) - len(drawn)}
 
 
 def version_of(found: Sequence[CampaignDirectory]) -> str:
@@ -148,7 +99,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             "campaigns.html.j2",
             rows=rows,
             version=version_of(every),
-            trends=trends_of(rows),
+            trends=[*trends_of(rows)],
             roots=directories.roots,
             name=name,
             names=len({each.name for each in every}),

@@ -2,12 +2,12 @@
 
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Final, get_args
+from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
 from starlette.exceptions import HTTPException
@@ -18,7 +18,6 @@ from starlette.routing import BaseRoute, Route
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.file_change import file_change
 from vastflow.deployments.explorer.pages import Pages, address
-from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.results.tables import JUDGEMENTS, Tables, read_tables
 from vastflow.oracles.results.unusable import reading
 from vastflow.oracles.statistics.comparison import Change, RateDifference, Target
@@ -55,26 +54,6 @@ class Question:
         """Return the names of an address, with `more`."""
         own = {"oracle": self.oracle, "margin": f"{100 * self.margin:g}", "target": self.target}
         return {"a": self.before.id, "b": self.after.id, **own, **more}
-
-
-@dataclass(frozen=True, slots=True)
-class PairedRun:
-    """A run of both campaigns with other verdicts, and the address of the two in lock step."""
-
-    run: int
-    before: Judgement
-    after: Judgement
-    address: str
-
-
-@dataclass(frozen=True, slots=True)
-class ChangedConfiguration:
-    """A configuration with changed outcomes, by its names in both campaigns."""
-
-    name: str
-    was: str
-    change: Change
-    runs: tuple[PairedRun, ...]
 
 
 class Comparisons:
@@ -125,8 +104,8 @@ def _tables(campaign: CampaignDirectory) -> Tables:
         return read_tables(campaign.path)
 
 
-def changed(found: "Compared", question: Question, changes: list[Change]) -> Iterator[ChangedConfiguration]:
-    """Yield configurations with the runs whose verdicts differ."""
+def changed(found: "Compared", question: Question, changes: list[Change]) -> Iterator[Mapping[str, Any]]:
+    """Yield configurations by their names in both campaigns, with the runs whose verdicts differ and their addresses."""
     pairing = found.pairing
     before, after = pairing.judged(found.oracle)
     for change in changes:
@@ -139,8 +118,8 @@ def changed(found: "Compared", question: Question, changes: list[Change]) -> Ite
             candidate = {"with": match.after, "withrun": now, "withc": question.after.id}
             place = address("/run", c=question.before.id, configuration=match.before, run=then, **candidate)
             words = [JUDGEMENTS.get(int(side[k]), "not judged") for side in (before, after)]
-            runs.append(PairedRun(now, words[0], words[1], place))
-        yield ChangedConfiguration(match.after, match.before, change, tuple(runs))
+            runs.append({"run": now, "before": words[0], "after": words[1], "address": place})
+        yield {"name": match.after, "was": match.before, "change": change, "runs": runs}
 
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:

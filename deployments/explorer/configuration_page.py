@@ -9,20 +9,19 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.facets import Chosen, rate_json
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
-from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.replies import arrays_reply, json_reply, name_of
+from vastflow.deployments.explorer.pages import Pages, arrays_reply, name_of
 from vastflow.deployments.explorer.selection import RunTable
 from vastflow.deployments.explorer.trajectories import floor_of, layer, read_paths, stored_file
 from vastflow.oracles.figures.scene import distinct_obstacles
 from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import signal_name, signals_of
-from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
+from vastflow.oracles.results.executed import KeptFiles, configuration_row, scenario_of_row
 from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, PASS
 from vastflow.oracles.results.unusable import reading
 from vastflow.oracles.statistics.intervals import Counts
@@ -43,18 +42,9 @@ _GIVEN: Final = ("factor", "path")
 def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page and its views."""
 
-    def page(request: Request) -> Response:
-        directory, name = opened.find(name_of(request, "c")), name_of(request, "name")
-        found: Mapping[str, Any] = {}
-        problem = ""
-        try:
-            campaign = opened.of(directory.id)
-            with reading(f"{directory.path}: {name}"):
-                found = values_of(campaign, index_of(campaign.table, name))
-        except UserError as error:
-            problem = str(error)
-        values = {"campaign": directory, "name": name, "problem": problem, "found": found}
-        return pages.page(request, "configuration.html.j2", 404 if problem else 200, **values)
+    def page(request: Request, campaign: Campaign, k: int) -> Response:
+        name, found = campaign.table.configurations[k], values_of(campaign, k)
+        return pages.page(request, "configuration.html.j2", campaign=campaign.directory, name=name, found=found)
 
     def view(made: Callable[[Request, Campaign, int], Response]) -> Callable[[Request], Response]:
         def answer(request: Request) -> Response:
@@ -66,8 +56,8 @@ def routes(opened: OpenedCampaigns, pages: Pages) -> list[BaseRoute]:
         return answer
 
     return [
-        Route("/configuration", page),
-        Route("/api/configuration", view(runs_and_neighbor)),
+        Route("/configuration", view(page)),
+        Route("/api/configuration", view(lambda request, campaign, k: JSONResponse(values_of(campaign, k)))),
         Route("/api/configuration/paths", view(paths)),
         Route("/api/configuration/signals", view(signals)),
     ]
@@ -80,11 +70,6 @@ def index_of(table: RunTable, name: str) -> int:
     return table.configurations.index(name)
 
 
-def runs_and_neighbor(request: Request, campaign: Campaign, k: int) -> Response:
-    """Return the values of the page as JSON."""
-    return json_reply(values_of(campaign, k))
-
-
 def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
     """Return the runs with their events, the values of the configuration, and its nearest neighbor of the other verdict."""
     table = campaign.table
@@ -94,7 +79,7 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
     runs, events = [], []
     for at in own:
         run = int(table.run_index[at])
-        values = {name: value_of(table, name, at) for name in names}
+        values = {name: table.value(name, at) for name in names}
         runs.append({"run": run, "verdict": JUDGEMENTS[int(table.verdict[at])], "recorded": run in rows, **values})
         found = rows.get(run, {}).get("events", [])
         events += [{"run": run, **{key: each[key] for key in ("t_s", "kind", "x_m", "y_m", "what")}} for each in found]
@@ -105,9 +90,9 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
         "failed": failed,
         "not_judged": not_judged,
         **rate_json(Counts(passed, failed, not_judged)),
-        "family": value_of(table, "family", own.start),
+        "family": table.value("family", own.start),
         "values": [
-            {"name": n, "value": value_of(table, n, own.start)} for n, c in table.columns.items() if c.group in _GIVEN
+            {"name": n, "value": table.value(n, own.start)} for n, c in table.columns.items() if c.group in _GIVEN
         ],
         "runs": runs,
         "events": events,
@@ -120,9 +105,8 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
 
 def surroundings(directory: Path, name: str, rows: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
     """Return start, goals, and outlines of obstacles, those that runs spawned too; empty where the scenario can't be rebuilt."""
-    found = pq.read_table(directory / "configurations.parquet", filters=[("name", "==", name)]).to_pylist()
     try:
-        situation = situation_of(scenario_of_row(found[0], KeptFiles(directory)))
+        situation = situation_of(scenario_of_row(configuration_row(directory, name), KeptFiles(directory)))
     except (OSError, ValueError, LookupError):
         return {"start": None, "goals": [], "obstacles": []}
     spawned = [obstacle for row in rows if row.get("entities") for obstacle in spawned_by(run_of(row))]
@@ -132,14 +116,6 @@ def surroundings(directory: Path, name: str, rows: Sequence[Mapping[str, Any]]) 
         "goals": [[goal.x_m, goal.y_m] for goal in situation.goals],
         "obstacles": [np.asarray(each.footprint().exterior.coords).tolist() for each in obstacles],
     }
-
-
-def value_of(table: RunTable, name: str, run: int) -> float | str | None:
-    """Return a run's value in a column; None where it is missing or there is no such column."""
-    column = table.columns.get(name)
-    if column is None or column.missing[run]:
-        return None
-    return float(column.values[run]) if column.levels is None else column.levels[column.values[run]]
 
 
 def neighbor(table: RunTable, counts: NDArray[np.int64], k: int) -> Mapping[str, Any] | None:
@@ -171,9 +147,7 @@ def neighbor(table: RunTable, counts: NDArray[np.int64], k: int) -> Mapping[str,
             lacks = np.isnan(values[candidates]) != np.isnan(values[k])
             distance += np.where(lacks, 1.0, np.nan_to_num(gaps))
     nearest = int(candidates[distance.argmin()])
-    pairs = [
-        (c.name, value_of(table, c.name, int(first[k])), value_of(table, c.name, int(first[nearest]))) for c in given
-    ]
+    pairs = [(c.name, table.value(c.name, first[k]), table.value(c.name, first[nearest])) for c in given]
     passed, failed, _ = counts[nearest].tolist()
     return {
         "name": table.configurations[nearest],
@@ -192,7 +166,7 @@ def paths(request: Request, campaign: Campaign, k: int) -> Response:
         return arrays_reply({"form": "nothing", "floor": None, "problem": "This scenario has no map."}, {})
     floor = floor_of(campaign.directory.path, environment)
     found = read_paths(campaign.directory.path, campaign.table, k, floor.grid)
-    header = {"floor": floor.json(), "environment": environment, "problem": ""}
+    header = {"floor": floor.json, "problem": ""}
     if found is None:
         return arrays_reply({**header, "form": "nothing", "problem": "No run of it was recorded."}, {})
     told, arrays = layer(found, campaign.table, np.ones(len(campaign.table), dtype=np.bool_), floor.grid, "paths")
@@ -209,24 +183,20 @@ def signals(request: Request, campaign: Campaign, k: int) -> Response:
         raise HTTPException(400, f"over: expected {TIME} or {DISTANCE}, got {over!r}")
     table = campaign.table
     at = {int(table.run_index[row]): row for row in table.rows_of(k)}
-    x, y, runs, verdicts, starts = [], [], [], [], [0]
-    for run, columns in _signals(campaign, k):
-        if run not in at or name not in columns:
-            continue
+    found = [(at[run], columns) for run, columns in _signals(campaign, k) if run in at and name in columns]
+    x, y = [np.zeros(0)], [np.zeros(0)]
+    for _, columns in found:
         along = columns[TIME] if over == TIME else _driven_m(columns)
         keep = np.unique(np.linspace(0, len(along) - 1, min(len(along), MOST_SAMPLES)).astype(np.int64))
         x.append(along[keep])
         y.append(np.where(np.isfinite(columns[name][keep]), columns[name][keep], np.nan))
-        runs.append(run)
-        verdicts.append(int(table.verdict[at[run]]))
-        starts.append(starts[-1] + len(keep))
-    empty = np.zeros(0)
+    rows = np.array([row for row, _ in found], dtype=np.int64)
     arrays: dict[str, NDArray[Any]] = {
-        "x": np.concatenate(x or [empty]).astype(np.float32),
-        "y": np.concatenate(y or [empty]).astype(np.float32),
-        "starts": np.array(starts, np.int32),
-        "run": np.array(runs, np.int32),
-        "verdict": np.array(verdicts, np.uint8),
+        "x": np.concatenate(x).astype(np.float32),
+        "y": np.concatenate(y).astype(np.float32),
+        "starts": np.cumsum([*map(len, x)]).astype(np.int32),
+        "run": table.run_index[rows].astype(np.int32),
+        "verdict": table.verdict[rows].astype(np.uint8),
     }
     return arrays_reply({"signal": name, "over": over}, arrays)
 

@@ -127,7 +127,7 @@ class Facets:
                 if condition is not None:
                     others = {column: each for column, each in chosen.items() if column != name}
                     runs = Chosen(self.table, mask_of(self.table, others))
-                shown.append(_values(facet, runs, condition) if facet.kind == "values" else _numbers(facet, runs))
+                shown.append(_facet_json(facet, runs, condition))
         constant = [(name, facet) for name, facet in self.facets.items() if facet.kind == "constant"]
         return {
             "facets": shown,
@@ -141,25 +141,19 @@ class Facets:
         return [n for n, each in self.facets.items() if each.kind in kinds and group in (None, each.column.group)]
 
 
-def _described(column: Column, kind: Kind) -> dict[str, Any]:
-    return {"name": column.name, "group": column.group, "unit": column.unit, "kind": kind}
-
-
-def _numbers(facet: Facet, chosen: Chosen) -> dict[str, Any]:
-    counts = chosen.of(facet)
-    ends = {"low": float(facet.edges[0]), "high": float(facet.edges[-1])}
-    missing = int(counts[BINS].sum())
-    return {**_described(facet.column, "numbers"), **ends, "counts": counts[:BINS].tolist(), "missing": missing}
-
-
-def _values(facet: Facet, chosen: Chosen, condition: Condition | None) -> dict[str, Any]:
-    counts, order = chosen.of(facet), np.arange(facet.size)
+def _facet_json(facet: Facet, chosen: Chosen, condition: Condition | None) -> dict[str, Any]:
+    counts, column = chosen.of(facet), facet.column
+    told = {"name": column.name, "group": column.group, "unit": column.unit, "kind": facet.kind}
+    if facet.kind == "numbers":
+        ends = {"low": float(facet.edges[0]), "high": float(facet.edges[-1])}
+        return {**told, **ends, "counts": counts[:BINS].tolist(), "missing": int(counts[BINS].sum())}
+    order = np.arange(facet.size)
     if len(order) > MOST_VALUES:
         order = np.sort(np.argsort(-counts.sum(axis=1), kind="stable")[:MOST_VALUES])
         asked = condition.values if isinstance(condition, ValuesOf) else ()
         order = np.union1d(order, [k for k, value in enumerate(facet.values) if value in asked]).astype(np.int64)
     shown = [{"value": facet.values[k], **_counts_json(counts[k])} for k in order.tolist()]
-    return {**_described(facet.column, "values"), "values": shown, "left_out": facet.size - len(order)}
+    return {**told, "values": shown, "left_out": facet.size - len(order)}
 
 
 def _counts(cells: NDArray[Any], verdict: NDArray[np.int8], n: int) -> NDArray[np.int64]:
@@ -306,20 +300,22 @@ def _most_frequent(table: RunTable, name: str, runs: NDArray[np.int64]) -> dict[
     column = table.columns.get(name)
     if column is None or column.levels is None:  # of an earlier version
         return {"rows": [], "left_out": 0}
-    values = column.values[runs]
-    found, first, times = np.unique(values, return_index=True, return_counts=True)
-    order = np.argsort(-times, kind="stable")
+    of = {"value": column.values[runs], "configuration": table.configuration[runs], "run": table.run_index[runs]}
+    told = [("run", "count"), ("configuration", "count_distinct"), ("configuration", "first"), ("run", "first")]
+    found = pa.table(of).group_by("value", use_threads=False).aggregate(told).sort_by([("run_count", "descending")])
     rows = [
         {
-            "value": column.levels[found[k]] if found[k] >= 0 else None,
-            "runs": int(times[k]),
-            "configurations": len(np.unique(table.configuration[runs[values == found[k]]])),
-            "configuration": table.configurations[table.configuration[runs[first[k]]]],
-            "run": int(table.run_index[runs[first[k]]]),
+            "value": column.levels[value] if value >= 0 else None,
+            "runs": times,
+            "configurations": configurations,
+            "configuration": table.configurations[first],
+            "run": run,
         }
-        for k in order[:MOST_REASONS].tolist()
+        for value, times, configurations, first, run in zip(
+            *(found[name].to_pylist() for name in ("value", *map("_".join, told))), strict=True
+        )
     ]
-    return {"rows": rows, "left_out": len(found) - len(rows)}
+    return {"rows": rows[:MOST_REASONS], "left_out": len(rows[MOST_REASONS:])}
 
 
 def axes_of(facets: Facets, chosen: Filter) -> list[str]:

@@ -3,7 +3,7 @@
 import difflib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 from vastflow.deployments.explorer.directories import CampaignDirectory
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
@@ -15,9 +15,6 @@ _MOST_COMPARED: Final = 20_000
 """Lines of both files; more would take seconds."""
 _AROUND: Final = 2
 
-Kind: TypeAlias = Literal["added", "removed", "same", "gap"]
-_KINDS: Final[dict[str, Kind]] = {"+": "added", "-": "removed", "@": "gap"}
-
 
 @dataclass(frozen=True, slots=True)
 class FileChange:
@@ -25,7 +22,7 @@ class FileChange:
 
     Attributes:
         previous: The earlier campaign.
-        lines: Kind and text of the difference's lines, with a few equal ones around.
+        lines: Of the unified difference, with a few equal ones around.
         left_out: Number of lines that are not among them.
         others: Sentences on what changed outside the file, such as versions and code.
         compared: False for a file that can't be read or is too long; then `others` says so.
@@ -34,7 +31,7 @@ class FileChange:
     previous: CampaignDirectory
     added: int = 0
     removed: int = 0
-    lines: tuple[tuple[Kind, str], ...] = ()
+    lines: tuple[str, ...] = ()
     left_out: int = 0
     others: tuple[str, ...] = ()
     compared: bool = True
@@ -58,13 +55,12 @@ def file_change(previous: CampaignDirectory, campaign: CampaignDirectory) -> Fil
     if len(then) + len(now) > _MOST_COMPARED:
         words = "the same" if then == now else f"other text, {len(then):,} lines before"
         return FileChange(previous, others=(f"the file of {len(now):,} lines has {words}", *others), compared=False)
-    found = list(difflib.unified_diff(then, now, n=_AROUND, lineterm=""))[2:]  # without the files' names
-    lines = [(_KINDS.get(line[:1], "same"), _line_text(line)) for line in found]
-    kinds = [kind for kind, _ in lines]
+    lines = list(difflib.unified_diff(then, now, n=_AROUND, lineterm=""))[2:]  # without the files' names
+    signs = [line[0] for line in lines]
     return FileChange(
         previous,
-        added=kinds.count("added"),
-        removed=kinds.count("removed"),
+        added=signs.count("+"),
+        removed=signs.count("-"),
         lines=tuple(lines[:MOST_LINES]),
         left_out=max(0, len(lines) - MOST_LINES),
         others=others,
@@ -74,13 +70,6 @@ def file_change(previous: CampaignDirectory, campaign: CampaignDirectory) -> Fil
 def _file_lines(file: Path) -> list[str]:
     with reading(file):
         return read_text(file).splitlines()
-
-
-def _line_text(line: str) -> str:
-    """Return the text of a line of a unified difference, or the number of the line after a gap."""
-    if not line.startswith("@@"):
-        return line[1:]
-    return f"line {line.split('+')[1].split(' ')[0].split(',')[0]}"
 
 
 def _others(previous: CampaignDirectory, campaign: CampaignDirectory) -> tuple[str, ...]:

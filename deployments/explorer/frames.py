@@ -2,29 +2,27 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import groupby
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vastflow.deployments.explorer.around import configuration_row
 from vastflow.deployments.explorer.packed import packed
-from vastflow.oracles.figures.scene import known_cells, zones_of
+from vastflow.oracles.figures.scene import known_cells, known_extent_m, zones_of
 from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
-from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, Trace, trace_of
-from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
-from vastflow.oracles.results.schema import behaviors_of, read_columns
+from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, trace_of
+from vastflow.oracles.results.executed import KeptFiles, configuration_row, recordings_of, scenario_of_row
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
-from vastflow.sim.model.blocks import read_block, read_recordings
+from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns, Event, Recording
 from vastflow.sim.model.scenario import Scenario
@@ -35,35 +33,16 @@ from vastflow.sim.world.difference import world_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
-Mark: TypeAlias = Literal["contact", "recovery", "error", "goal", "obstacle", "stop"]
-"""Kinds of ticks on the time line."""
-MARKS: Final[Mapping[str, Mark]] = {
-    "contact": "contact",
-    "recovery": "recovery",
-    **dict.fromkeys(("plan_failed", "control_failed", "goal_missed", "stood_still"), "error"),
-    "goal_reached": "goal",
-    **dict.fromkeys(("spawned", "deleted"), "obstacle"),
-    "stopped_by_monitor": "stop",
-}
-"""Kind of event to its tick; others, such as each move of an obstacle, have none."""
-
 POSES: Final = ("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad")
-SIGNALS: Final[Sequence[Mapping[str, Any]]] = (
-    {"title": "Speed", "unit": "m/s", "lines": {"speed_mmps": "true", "sent_speed_mmps": "commanded"}},
-    {"title": "Yaw rate", "unit": "rad/s", "lines": {"yaw_rate_mradps": "true", "sent_yaw_rate_mradps": "commanded"}},
-    {
-        "title": "Clearance of the center",
-        "unit": "m",
-        "lines": {
-            "wall_clearance_mm": "walls",
-            "static_clearance_mm": "obstacles",
-            "appearing_clearance_mm": "appearing obstacles",
-        },
-    },
-    {"title": "Localization error", "unit": "m", "lines": {"localization_error_mm": ""}},
-    {"title": "Off the reference path", "unit": "m", "lines": {"deviation_mm": ""}},
+_CLEARANCES: Final = {"wall": "walls", "static": "obstacles", "appearing": "appearing obstacles"}
+SIGNALS: Final[Sequence[tuple[str, str, Mapping[str, str]]]] = (
+    ("Speed", "m/s", {"speed_mmps": "true", "sent_speed_mmps": "commanded"}),
+    ("Yaw rate", "rad/s", {"yaw_rate_mradps": "true", "sent_yaw_rate_mradps": "commanded"}),
+    ("Clearance of the center", "m", {f"{to}_clearance_mm": words for to, words in _CLEARANCES.items()}),
+    ("Localization error", "m", {"localization_error_mm": ""}),
+    ("Off the reference path", "m", {"deviation_mm": ""}),
 )
-"""Plots below the map; the lines are stored columns of thousandths."""
+"""Title, unit, and lines of the plots below the map; the lines are stored columns of thousandths."""
 
 ERRORS: Final[Mapping[int, str]] = {
     103: "invalid path",
@@ -78,6 +57,7 @@ ERRORS: Final[Mapping[int, str]] = {
 }
 """Nav2's codes and names; planning through poses has those of planning to a pose, 100 higher."""
 
+NO_POINTS: Final = np.empty((0, 2))
 FREE, WALL, UNKNOWN = 0, 1, 2
 """Cells of maps in a reply; those of masks are 0 to 100."""
 
@@ -88,7 +68,8 @@ class StoredRun:
 
     Attributes:
         configuration: The executed one; a duplicate's original.
-        recording, trace: None where the run was not recorded.
+        recording: None where the run was not recorded.
+        reference_xy_m: Points (N, 2) of the reference path; none where the run has no such path.
         derived: Stored columns of the trace.
         verdicts: Rows of `verdicts.parquet`, one for each oracle.
     """
@@ -97,9 +78,15 @@ class StoredRun:
     run_index: int
     scenario: Scenario
     recording: Recording | None = field(repr=False)
-    trace: Trace | None = field(repr=False)
+    reference_xy_m: NDArray[np.float64] = field(repr=False)
     derived: Mapping[str, NDArray[np.int32]] = field(repr=False)
     verdicts: Sequence[Mapping[str, Any]] = field(repr=False)
+
+    @cached_property
+    def columns(self) -> Mapping[str, NDArray[np.int32]]:
+        """Recorded and derived columns that mean something."""
+        stored = {**(self.recording.columns if self.recording is not None else {}), **self.derived}
+        return {name: each for name, each in stored.items() if name != "deviation_mm" or len(self.reference_xy_m)}
 
 
 def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun:
@@ -109,45 +96,37 @@ def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun
         UnusableDirectory: an unknown configuration or run; a missing or damaged file.
     """
     with reading(directory.name):
-        row = configuration_row(directory, read_columns(directory / "configurations.parquet"), configuration)
+        row = configuration_row(directory, configuration)
         name = row["duplicate_of"] or configuration
-        verdicts = pq.read_table(directory / "verdicts.parquet", filters=[("configuration", "==", name)])
-        verdicts = verdicts.filter(pc.field("run_index") == run_index).to_pylist()
-        if not verdicts:
-            raise UnusableDirectory(f"{directory.name}: {name} has no run {run_index}")
+        of_all = pq.read_table(directory / "verdicts.parquet", filters=[("configuration", "==", name)])
+        if not (verdicts := of_all.filter(pc.field("run_index") == run_index).to_pylist()):
+            numbers = f"0 to {pc.max(of_all['run_index'])}" if len(of_all) else "of which it has none"
+            raise UnusableDirectory(
+                f"{directory.name}: {name}: expected the number of a run, {numbers}, got {run_index}"
+            )
         scenario = scenario_of_row(row, KeptFiles(directory))
         return StoredRun(name, run_index, scenario, *_recorded(directory, name, run_index), verdicts)
 
 
-_Recorded: TypeAlias = tuple[Recording | None, Trace | None, Mapping[str, NDArray[np.int32]]]
+_Recorded: TypeAlias = tuple[Recording | None, NDArray[np.float64], Mapping[str, NDArray[np.int32]]]
 
 
 def _recorded(directory: Path, name: str, run_index: int) -> _Recorded:
-    recordings, traces = (directory / folder / f"{name}.parquet" for folder in ("recordings", "traces"))
-    if not recordings.is_file():  # every run of it broke
-        return None, None, {}
-    recording = next((each for each in read_recordings(recordings) if each.run.run_index == run_index), None)
-    if recording is None:
-        return None, None, {}
-    of_all = behaviors_of(directory, name)
-    own = of_all.pop("run_index", None) == run_index
-    recording = replace(recording, behaviors={key: column[own] for key, column in of_all.items()})
-    for row, derived in read_block(traces) if traces.is_file() else ():
-        if row["run_index"] == run_index:
-            return recording, trace_of(recording, row, derived), derived
-    return recording, None, {}
+    recording, traces = recordings_of(directory, name).get(run_index), directory / "traces" / f"{name}.parquet"
+    for row, derived in read_block(traces) if recording and traces.is_file() else ():
+        if recording and row["run_index"] == run_index:
+            reference = trace_of(recording, row, derived).reference
+            return recording, reference.points_xy_m if isinstance(reference, Reference) else NO_POINTS, derived
+    return recording, NO_POINTS, {}
 
 
-def frames_of(run: StoredRun, asked: str) -> bytes:
-    """Return the packed reply of a run.
+def facts_of(run: StoredRun, asked: str) -> dict[str, Any]:
+    """Return what a page tells of a run beside its map, such as verdicts and events.
 
     Args:
         asked: The configuration in the address, of which the executed one may be the original.
-
-    Raises:
-        ValueError: a scenario or a map that can't be read.
     """
-    header: dict[str, Any] = {
+    facts: dict[str, Any] = {
         "configuration": asked,
         "executed": run.configuration,
         "run": run.run_index,
@@ -157,52 +136,78 @@ def frames_of(run: StoredRun, asked: str) -> bytes:
         "tick_s": TICK_S,
     }
     if run.recording is None:
-        return packed({**header, "sentence": "This run was not recorded; the verdicts say why."}, {})
+        facts |= {"outcome": "", "simulated_s": 0.0, "events": [], "behaviors": []}
+        return {**facts, "sentence": "This run was not recorded; the verdicts say why."}
     told = run.recording.run
-    header |= {
+    facts |= {
         **{name: getattr(told, name) for name in ("outcome", "reason", "simulated_s", "distance_m", "recoveries")},
         "events": [*_event_rows(told.events)],
         "behaviors": [*scenario_spans(run.recording.behaviors, told.simulated_s)],
     }
     if not run.recording.columns:
         where = f"What its programs wrote is in outputs/{run.configuration}.zip of the campaign directory."
-        return packed({**header, "sentence": f"This scenario has no robot, so there is no map to show. {where}"}, {})
-    facts, arrays = _robot_frames(run, run.recording)
-    return packed({**header, **facts}, arrays)
+        facts["sentence"] = f"This scenario has no robot, so there is no map to show. {where}"
+    return facts
 
 
-def _robot_frames(run: StoredRun, recording: Recording) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def frames_of(run: StoredRun, asked: str) -> bytes:
+    """Return the packed reply of a run, see `facts_of`.
+
+    Raises:
+        ValueError: a scenario or a map that can't be read.
+    """
+    facts = facts_of(run, asked)
+    if run.recording is None or facts["sentence"]:
+        return packed(facts, {})
     situation, robot = situation_of(run.scenario), robot_of(parameters_of(run.scenario.system))
-    reference = run.trace.reference if run.trace is not None else None
-    path = reference.points_xy_m if isinstance(reference, Reference) else np.empty((0, 2))
-    there = {**recording.columns, **run.derived}
-    if not len(path):
-        there.pop("deviation_mm", None)
-    plots = [{**plot, "lines": {k: v for k, v in plot["lines"].items() if k in there}} for plot in SIGNALS]
-    shown = dict.fromkeys([*POSES, *(column for plot in plots for column in plot["lines"])])
-    grids, cells = _grids(run.scenario)
-    facts = {
+    grids = [*_grids(run.scenario)]
+    facts |= {
         "robot": {"radius_m": robot.radius_m, "vertices": robot.vertices},
-        "start": situation.start and _pose_row(situation.start),
-        "goals": [_pose_row(goal) for goal in situation.goals],
-        "obstacles": [_track_row(track) for track in obstacle_tracks_of(situation, recording.run)],
-        "activities": [*_standing(there)],
-        "signals": [plot for plot in plots if plot["lines"]],
+        "goals": [(goal.x_m, goal.y_m) for goal in situation.goals],
+        "obstacles": [_track_row(track) for track in obstacle_tracks_of(situation, run.recording.run)],
+        "activities": [*_standing(run.columns)],
         "nowhere": NOWHERE_MM,
-        "grids": grids,
+        "grids": [{**place, "cells": f"grid {k}"} for k, (place, _) in enumerate(grids)],
     }
-    return facts, {**{name: there[name] for name in shown}, **cells, "reference": path.astype(np.float32)}
+    shown = dict.fromkeys([*POSES, *(column for _, _, lines in SIGNALS for column in lines if column in run.columns)])
+    arrays = {name: run.columns[name] for name in shown}
+    cells = {f"grid {k}": each for k, (_, each) in enumerate(grids)}
+    return packed(facts, {**arrays, **cells, "reference": run.reference_xy_m.astype(np.float32)})
+
+
+def plots_of(runs: Sequence[StoredRun]) -> Iterator[Mapping[str, Any]]:
+    """Yield a plot of each signal that any of some runs has: title, unit, least and greatest value, and lines."""
+    for title, unit, words in SIGNALS:
+        lines, known = [], [np.zeros(1, dtype=np.int32)]
+        for side, run in enumerate(runs):
+            for n, name in enumerate(words):
+                if (values := run.columns.get(name)) is not None:
+                    known.append(values[values != NOWHERE_MM])
+                    path = _path(run.columns["t_ms"], values)
+                    lines.append({"side": side, "n": n, "words": words[name], "column": name, "d": path})
+        every = np.concatenate(known) * 1e-3
+        low, high = float(every.min()), float(every.max())
+        if lines:
+            yield {"title": title, "unit": unit, "low": low, "high": high if high > low else low + 1.0, "lines": lines}
+
+
+def _path(t_ms: NDArray[np.int32], values: NDArray[np.int32]) -> str:
+    """Return a line as SVG has it, in seconds and units of the signal downwards, with gaps."""
+    known = values != NOWHERE_MM
+    pens = np.where(known & ~np.r_[False, known[:-1]], "M", "L")
+    places = np.column_stack([t_ms, -values])[known] * 1e-3
+    return "".join(f"{pen}{t_s:g} {y:g}" for pen, (t_s, y) in zip(pens[known].tolist(), places.tolist(), strict=True))
 
 
 def _event_rows(events: Iterable[Event]) -> Iterator[dict[str, Any]]:
     for event in events:
-        if event.kind in MARKS:
-            row = {"t_s": event.t_s, "mark": MARKS[event.kind], "x_m": event.x_m, "y_m": event.y_m}
-            yield {**row, "text": _words(event)}
+        if (text := _words(event)) is not None:
+            yield {"t_s": event.t_s, "kind": event.kind, "x_m": event.x_m, "y_m": event.y_m, "text": text}
 
 
-def _words(event: Event) -> str:
-    """Return an event in a few words. Those of `vastflow.oracles.replay.story` would import the simulator's kernels."""
+def _words(event: Event) -> str | None:
+    """Return an event in a few words; None for others, such as each move of an obstacle."""
+    # The words of `vastflow.oracles.replay.story` would import the simulator's kernels.
     match event.kind:
         case "contact":
             return f"contact with {event.what} at {event.value:.2f} m/s"
@@ -216,12 +221,13 @@ def _words(event: Event) -> str:
             return f"{event.what} {'appears' if event.kind == 'spawned' else 'disappears'}"
         case "stopped_by_monitor":
             return "stopped by the collision monitor"
-        case _:
+        case "recovery" | "stood_still":
             return f"{event.kind.replace('_', ' ')}: {event.what}"
+    return None
 
 
 def scenario_spans(behaviors: Columns, end_s: float) -> Iterator[dict[str, Any]]:
-    """Yield name, start, end, and last status of each time that an action of the scenario ran.
+    """Yield name, start, end, last status, and row of each time that an action of the scenario ran.
 
     Args:
         behaviors: Status changes of the scenario's tree, see `Recording`; without its compositions, which have children.
@@ -239,24 +245,19 @@ def scenario_spans(behaviors: Columns, end_s: float) -> Iterator[dict[str, Any]]
         if (span := running.pop(node, None)) is not None:
             yield {**span, "end_s": t_s, "status": status, "message": message or span["message"]}
         if status == "RUNNING":
-            running[node] = {"name": name, "start_s": t_s, "message": message}
+            # The first row where no other action runs.
+            lane = min({*range(len(running) + 1)} - {each["lane"] for each in running.values()})
+            running[node] = {"name": name, "start_s": t_s, "message": message, "lane": lane}
     for span in running.values():
         yield {**span, "end_s": end_s, "status": "RUNNING"}
 
 
 def _standing(columns: Mapping[str, NDArray[np.int32]]) -> Iterator[tuple[float, float, str]]:
     """Yield start, end, and activity as far as a recording tells it: whether the robot drives or stands."""
-    if "stopped" not in columns:
-        return
-    t_s = (columns["t_ms"] * 1e-3).tolist()
-    for stands, rows in groupby(range(len(t_s)), lambda row: bool(columns["stopped"][row])):
-        first, *others = rows
-        last = others[-1] if others else first
-        yield t_s[first], t_s[min(last + 1, len(t_s) - 1)], "standing" if stands else "driving"
-
-
-def _pose_row(pose: Pose) -> tuple[float, float, float]:
-    return pose.x_m, pose.y_m, pose.yaw_rad
+    if "stopped" in columns:
+        stands, t_s = columns["stopped"] != 0, (columns["t_ms"] * 1e-3).tolist()
+        for first, end in pairwise([0, *(np.flatnonzero(np.diff(stands)) + 1).tolist(), len(t_s) - 1]):
+            yield t_s[first], t_s[end], "standing" if stands[first] else "driving"
 
 
 def _track_row(track: ObstacleTrack) -> dict[str, Any]:
@@ -267,31 +268,23 @@ def _track_row(track: ObstacleTrack) -> dict[str, Any]:
     return {"name": obstacle.name, "shape": obstacle.shape, **size, "places": [*places]}
 
 
-def _grids(scenario: Scenario) -> tuple[list[dict[str, Any]], dict[str, NDArray[np.uint8]]]:
-    """Describe the map, the world where it differs, and the masks of costmap filters; and their cells by name."""
-    found: list[dict[str, Any]] = []
-    cells: dict[str, NDArray[np.uint8]] = {}
-
-    def add(kind: str, occupancy: OccupancyMap, values: NDArray[np.uint8]) -> None:
-        rows, columns = known_cells(occupancy)
-        ((x_m, y_m),) = occupancy.corners_of(np.array([(rows.start, columns.start)])).tolist()
-        name = f"grid {len(found)}"
-        place = {"x_m": x_m, "y_m": y_m, "yaw_rad": occupancy.yaw_rad, "resolution_m": occupancy.resolution_m}
-        found.append({"kind": kind, "cells": name, **place})
-        cells[name] = values[rows, columns]
-
+def _grids(scenario: Scenario) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]]]:
+    """Yield the map, the world where it differs, and masks of costmap filters: place and cells of each."""
     map_file = scenario.environment["map_file"]
     assert isinstance(map_file, FileContent)  # else no robot would have been executed
     occupancy = load_map(map_file.path)
-    add("map", occupancy, _cells_of(occupancy))
+    found = [("map", occupancy, _cells_of(occupancy))]
     if (difference := difference_of(scenario.environment.get(WORLD_KEY))) is not None:
         world = world_of(occupancy, difference)
-        add("world", world, _cells_of(world))
+        found.append(("world", world, _cells_of(world)))
     zones = zones_of([scenario])
     for kind, masks in (("keepout", zones.keepout), ("speed", zones.speed)):
-        for mask in masks:
-            add(kind, mask, np.maximum(mask.cells, 0).astype(np.uint8))
-    return found, cells
+        found += [(kind, mask, np.maximum(mask.cells, 0).astype(np.uint8)) for mask in masks]
+    for kind, grid, cells in found:
+        rows, columns = known_cells(grid)
+        ((x_m, y_m),) = grid.corners_of(np.array([(rows.start, columns.start)])).tolist()
+        place = {"x_m": x_m, "y_m": y_m, "yaw_rad": grid.yaw_rad, "resolution_m": grid.resolution_m}
+        yield {"kind": kind, **place, "extent": known_extent_m(grid, 0.0)}, cells[rows, columns]
 
 
 def _cells_of(occupancy: OccupancyMap) -> NDArray[np.uint8]:

@@ -28,8 +28,6 @@ REACH_M: Final = 5.0
 """Half the edge of the part of the global costmap that is shown around the robot."""
 STEP_M: Final = 2.0
 """Steps in which this part follows the robot, so that successive moments share it."""
-LARGEST: Final = 32767
-"""Of a coordinate in units."""
 
 
 def compressed_layers(directory: Path, configuration: str, run_index: int) -> bytes:
@@ -116,12 +114,12 @@ class Watched:
         """Return header and arrays of a reply.
 
         A span is the first point of a moment, and their end; or the first cell, and the rows and columns. A place is the pose of the
-        lower left corner of cells, and their size. Points are whole numbers of a unit: x, y of its origin, and its size.
+        lower left corner of cells, and their size. Points are in millimeters.
         """
         every_s = self.every * TICK_S
-        units, arrays = {}, {f"{name} spans": each.spans for name, each in {**self._points, **self._costs}.items()}
+        arrays = {f"{name} spans": each.spans for name, each in {**self._points, **self._costs}.items()}
         for name, each in self._points.items():
-            units[name], arrays[f"{name} points"] = in_units(each.whole)
+            arrays[f"{name} points"] = np.rint(1000.0 * each.whole).astype(np.int32)
         for name, each in self._costs.items():
             arrays[f"{name} cells"] = each.whole
             arrays[f"{name} places"] = np.array(self._places[name], dtype=np.float32)
@@ -130,7 +128,6 @@ class Watched:
             "note": f"The layers have a moment every {every_s:g} s, and the global costmap {2 * REACH_M:g} m round the robot.",
             "every_s": every_s,
             "activities": [(a * TICK_S, (z + 1) * TICK_S, kind) for a, z, kind in bands(self._moments)],
-            "units": units,
         }
         return header, arrays
 
@@ -165,11 +162,3 @@ class Parts:
     def spans(self) -> NDArray[Any]:
         """The span of each moment's part (M, …)."""
         return np.array(self._spans, dtype=np.uint32)
-
-
-def in_units(xy_m: NDArray[np.float64]) -> tuple[tuple[float, float, float], NDArray[np.int16]]:
-    """Return the unit of points, a millimeter or more if they are far apart, and its multiples (N, 2)."""
-    low, high = (xy_m.min(axis=0), xy_m.max(axis=0)) if len(xy_m) else (np.zeros(2), np.zeros(2))
-    middle, size_m = (low + high) / 2, max(0.001, float((high - low).max()) / 2 / LARGEST)
-    x_m, y_m = middle.tolist()
-    return (x_m, y_m, size_m), np.rint((xy_m - middle) / size_m).astype(np.int16)

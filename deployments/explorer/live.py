@@ -24,11 +24,15 @@ class LiveCampaign:
     """The state of a campaign by the events so far."""
 
     def __init__(self) -> None:
-        self._began: Event | None = None
-        self._last: Event | None = None
-        self._end: Event | None = None
+        self._told: dict[str, Any] = {
+            "name": "",
+            "began": "",
+            "last": "",
+            "progress": None,
+            "families": [],
+            "end": None,
+        }
         self._progress: Progress | None = None
-        self._families: list[Mapping[str, Any]] = []
         self._meter: Meter | None = None
         self._lost: dict[tuple[str, int], dict[str, Any]] = {}
         self._recent: deque[str] = deque(maxlen=MOST_RECENT)
@@ -38,7 +42,7 @@ class LiveCampaign:
     @property
     def over(self) -> bool:
         """True after the last event."""
-        return self._end is not None
+        return self._told["end"] is not None
 
     def take(self, event: Event) -> None:
         """Take the next event; those of a later version are passed over.
@@ -46,10 +50,11 @@ class LiveCampaign:
         Raises:
             KeyError, TypeError, ValueError: an event without its values.
         """
-        values, self._last = event.values, event
+        values = event.values
+        self._told["last"] = at = event.at.isoformat(timespec="seconds")
         match event.event:
             case "began":
-                self._began = event
+                self._told |= {"name": str(values.get("name", "")), "began": at}
                 self._meter = Meter(event.at.timestamp())
             case "verdicts":
                 self._judged(event)
@@ -59,11 +64,11 @@ class LiveCampaign:
                 self._notices.append(str(values["text"]))
             case "progress":
                 self._progress = progress_of(event)
-                self._families = list(values["families"])
+                self._told |= {"progress": asdict(self._progress), "families": [*map(_family, values["families"])]}
                 if self._meter is not None:
                     self._meter.note(self._progress, event.at.timestamp())
         if event.event in LAST:
-            self._end = event
+            self._told["end"] = {"event": event.event, **values}
 
     def _judged(self, event: Event) -> None:
         values = event.values
@@ -83,28 +88,22 @@ class LiveCampaign:
         Args:
             now_s: Time since the epoch, by which the pace is measured.
         """
-        lost, began = list(self._lost.values())[: -MOST_FAILED - 1 : -1], self._began
         return {
-            "name": "" if began is None else str(began.values.get("name", "")),
-            "began": "" if began is None else began.at.isoformat(timespec="seconds"),
-            "last": "" if self._last is None else self._last.at.isoformat(timespec="seconds"),
+            **self._told,
             "words": self._words(now_s),
-            "progress": None if self._progress is None else asdict(self._progress),
-            "families": [_family(each) for each in self._families],
             "recent": "".join(self._recent),
-            "lost": lost,
+            "lost": list(self._lost.values())[: -MOST_FAILED - 1 : -1],
             "lost_total": len(self._lost),
             "faults": self._faults[: -MOST_TOLD - 1 : -1],
             "faults_total": len(self._faults),
             "notices": self._notices[: -MOST_TOLD - 1 : -1],
             "notices_total": len(self._notices),
-            "end": None if self._end is None else {"event": self._end.event, **self._end.values},
         }
 
     def _words(self, now_s: float) -> list[str]:
         """Return phase and pace."""
         progress, meter = self._progress, self._meter
-        if self._end is not None or meter is None:
+        if self.over or meter is None:
             return []
         if progress is None:
             return ["starting"]

@@ -22,8 +22,7 @@ from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories, directory_at
 from vastflow.deployments.explorer.live import LiveCampaign
-from vastflow.deployments.explorer.pages import Pages, address
-from vastflow.deployments.explorer.replies import name_of, number_of
+from vastflow.deployments.explorer.pages import Pages, address, name_of, number_of
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.oracles.results.events import LAST, Event, EventReader, gone_event
 from vastflow.oracles.results.unfinished import ask_to_stop, place_of

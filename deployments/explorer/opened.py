@@ -50,16 +50,13 @@ class Campaign:
     @cached_property
     def maps(self) -> list[dict[str, Any]]:
         """Environments with the name of their map and the numbers of their runs, most failures first."""
-        table, names = self.table, self.table.columns.get(_MAP_COLUMN)
-        of = self.environments[table.configuration]
+        table, of = self.table, self.environments[self.table.configuration]
         found = []
         for environment in np.unique(of[of != ""]).tolist():
             runs = np.flatnonzero(of == environment)
-            known = (
-                names.levels[names.values[runs[0]]] if names and names.levels and names.values[runs[0]] >= 0 else None
-            )
+            name = table.value(_MAP_COLUMN, runs[0]) or environment[:8]
             failed = int((table.verdict[runs] == FAIL).sum())
-            found.append({"id": environment, "name": known or environment[:8], "runs": len(runs), "failed": failed})
+            found.append({"id": environment, "name": name, "runs": len(runs), "failed": failed})
         return sorted(found, key=lambda each: -each["failed"])
 
 

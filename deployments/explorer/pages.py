@@ -1,4 +1,4 @@
-"""Pages: templates of the package, filled in and answered."""
+"""Queries and replies: templates of the package, filled in, JSON without NaN, and packed arrays."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,14 +6,18 @@ from typing import Any, Final
 from urllib.parse import urlencode
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from numpy.typing import NDArray
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
-from vastflow.deployments.explorer.replies import json_reply, wants_html
+from vastflow.deployments.explorer.packed import packed
 
 TEMPLATES: Final = Path(__file__).with_name("templates")
 API: Final = "/api/"
 """Addresses whose errors are JSON, as programs read them."""
+ARRAYS: Final = "application/octet-stream"
+_MOST_DIGITS: Final = 9
 
 
 class Pages:
@@ -37,7 +41,8 @@ class Pages:
 
     def part(self, request: Request, template: str, values: Mapping[str, Any]) -> Response:
         """Return values as a part of a page, or as JSON for programs."""
-        return self.page(request, template, **values) if wants_html(request) else json_reply(values)
+        is_asked = "text/html" in request.headers.get("accept", "")
+        return self.page(request, template, **values) if is_asked else JSONResponse(values)
 
     def sentence(self, request: Request, status: int, text: str) -> Response:
         """Return a page, or JSON below `/api/`, that says in one sentence what went wrong."""
@@ -71,3 +76,24 @@ def count(number: object) -> str:
 def moment(iso: str) -> str:
     """Return a time of ISO 8601 for people, to the minute."""
     return iso.replace("T", " ")[:16]
+
+
+def name_of(request: Request, name: str) -> str:
+    """Return a text of the query; raises `HTTPException` without it."""
+    if not (given := request.query_params.get(name, "")):
+        raise HTTPException(400, f"{name}: expected a value in the address, got none")
+    return given
+
+
+def number_of(request: Request, name: str, otherwise: int | None = None) -> int:
+    """Return a whole number of the query; raises `HTTPException` for something else, and for none without `otherwise`."""
+    if otherwise is not None and name not in request.query_params:
+        return otherwise
+    if not (given := name_of(request, name)).isdecimal() or len(given) > _MOST_DIGITS:
+        raise HTTPException(400, f"{name}: expected a whole number, got {given!r}")
+    return int(given)
+
+
+def arrays_reply(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Response:
+    """Return arrays by name, see `vastflow.deployments.explorer.packed`."""
+    return Response(packed(header, arrays), media_type=ARRAYS)

@@ -1,10 +1,10 @@
 """Selections of a campaign's runs: filters as canonical text, and masks of the runs that pass them."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, SupportsIndex, TypeAlias
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -85,6 +85,13 @@ class RunTable:
     def rows_of(self, configuration: int) -> range:
         """Return the runs of a configuration."""
         return range(*np.searchsorted(self.configuration, (configuration, configuration + 1)).tolist())
+
+    def value(self, name: str, run: SupportsIndex) -> float | str | None:
+        """Return a run's value in a column; None where it is missing or there is no such column."""
+        column = self.columns.get(name)
+        if column is None or column.missing[run]:
+            return None
+        return float(column.values[run]) if column.levels is None else column.levels[column.values[run]]
 
     def column(self, name: str) -> Column:
         """Return a column by its name.
@@ -220,29 +227,21 @@ def _of_levels(column: Column, chosen: Sequence[bool], *, missing: bool) -> Bool
 
 
 def read_run_table(directory: Path) -> RunTable:
-    """Read the runs of a campaign directory.
+    """Read the runs of a campaign directory, see `vastflow.oracles.evidence.wide`.
 
     Raises:
-        OSError, ValueError: their table is missing or damaged.
+        OSError, ValueError: their table is missing or damaged, or runs are in disorder.
     """
     try:
         file = pq.ParquetFile(directory / WIDE_FILE)
     except pa.ArrowException as error:
         raise ValueError(f"{WIDE_FILE}: can't be read: {' '.join(str(error).split())}") from None
-    # One column after another, as all of them at once take twice the memory.
-    return run_table_of(file.schema_arrow.names, lambda name: file.read(columns=[name]).unify_dictionaries()[name])
-
-
-def run_table_of(names: Sequence[str], column: Callable[[str], Any]) -> RunTable:
-    """Return the columns of a wide table, see `vastflow.oracles.evidence.wide`, each of which `column` gives by its name.
-
-    Raises:
-        ValueError: a column that every such table has is missing, or runs are in disorder.
-    """
+    names = file.schema_arrow.names
     if lacking := [name for name in ("configuration", "run_index", PASSED) if name not in names]:
         raise ValueError(f"{WIDE_FILE}: expected a column {lacking[0]!r}, got none")
     oracles = [name.removeprefix(f"{PASSED}.") for name in names if name.startswith(f"{PASSED}.")]
-    columns = {name: _column(name, column(name), oracles) for name in names}
+    # One column after another, as all of them at once take twice the memory.
+    columns = {name: _column(name, file.read(columns=[name]).unify_dictionaries()[name], oracles) for name in names}
     configuration, joint = columns["configuration"], columns[PASSED].values
     of, run_index = configuration.values.astype(np.int64), columns["run_index"].values
     if len(of) and (of[0] < 0 or not (np.diff(run_keys(of, run_index.astype(np.int64))) > 0).all()):

@@ -25,11 +25,8 @@ def application(directories: Directories, token: str) -> Starlette:
     """Return the explorer of some campaign directories, to which `token` admits."""
     pages = Pages()
 
-    async def missing(request: Request, error: Exception) -> Response:
-        return pages.sentence(request, 404, str(error))
-
     async def unusable(request: Request, error: Exception) -> Response:
-        return pages.sentence(request, 409, str(error))
+        return pages.sentence(request, 404 if isinstance(error, NoSuchCampaign) else 409, str(error))
 
     async def refused(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
@@ -47,7 +44,7 @@ def application(directories: Directories, token: str) -> Starlette:
         routes=[*routes, Mount("/static", StaticFiles(directory=STATIC))],
         middleware=[Middleware(Guard, token=token, refuse=pages.sentence)],
         exception_handlers={
-            NoSuchCampaign: missing,
+            NoSuchCampaign: unusable,
             UserError: unusable,
             HTTPException: refused,
             Exception: failed,

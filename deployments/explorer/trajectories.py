@@ -3,8 +3,10 @@
 import io
 import threading
 import time
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -106,10 +108,17 @@ class Floor:
     known: tuple[slice, slice]
     grid: FailureGrid
 
-    def json(self) -> dict[str, Any]:
-        """Return where the picture lies: its lowest corner before it is turned about the map's origin, and its size."""
+    @cached_property
+    def json(self) -> Mapping[str, Any]:
+        """The picture and where it lies: its lowest corner before it is turned about the map's origin, and its size."""
+        from PIL import Image
+
         (rows, columns), cell_m = self.known, self.occupancy.resolution_m
         x_m, y_m = self.occupancy.origin_xy_m
+        # Walls are gray, unknown cells faint, and free ones clear, for any background.
+        cells, out = self.occupancy.cells[self.known][::-1], io.BytesIO()
+        opacity = np.select([cells == 0, cells < 0], [0, 40], 210).astype(np.uint8)
+        Image.fromarray(np.dstack([np.full_like(opacity, 128), opacity]), "LA").save(out, "PNG", compress_level=1)
         return {
             "x": x_m + columns.start * cell_m,
             "y": y_m + rows.start * cell_m,
@@ -118,19 +127,8 @@ class Floor:
             "origin": [x_m, y_m],
             "yaw": self.occupancy.yaw_rad,
             "extent": list(self.grid.extent_m),
+            "picture": f"data:image/png;base64,{b64encode(out.getvalue()).decode()}",
         }
-
-    def png(self) -> bytes:
-        """Return the known part as a picture: walls gray, unknown cells faint, and free ones clear, for any background."""
-        from PIL import Image
-
-        cells = self.occupancy.cells[self.known][::-1]
-        picture = np.zeros((*cells.shape, 2), dtype=np.uint8)
-        picture[..., 0] = 128
-        picture[..., 1] = np.select([cells == 0, cells < 0], [0, 40], 210)
-        out = io.BytesIO()
-        Image.fromarray(picture, "LA").save(out, "PNG")
-        return out.getvalue()
 
 
 def floor_of(directory: Path, environment: str) -> Floor:

@@ -1,20 +1,18 @@
 """Recorded runs of a campaign directory, ready to be executed again."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pyarrow.compute as pc
 
 from vastflow.oracles.judgement.verdict import Judgement, run_judgement
-from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
-from vastflow.oracles.results.schema import behaviors_of, read_columns, table_rows
+from vastflow.oracles.results.executed import KeptFiles, configuration_row, recordings_of, scenario_of_row
+from vastflow.oracles.results.schema import read_columns
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.kernels.streams import run_entropy
-from vastflow.sim.model.blocks import read_recordings
 from vastflow.sim.model.files import read_json
-from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.scenario import Scenario
 
@@ -45,11 +43,7 @@ def recorded_run(directory: Path, configuration: str, run_index: int) -> Recorde
         UnusableDirectory: an unknown configuration or run; a missing, unreadable, or changed file.
     """
     with reading(directory):
-        rows = {row["name"]: row for row in table_rows(directory / "configurations.parquet")}
-        if configuration not in rows:
-            hint = did_you_mean(configuration, [*rows], "it has none", listed="it has")
-            raise UnusableDirectory(f"{directory}: no configuration {configuration!r}; {hint}")
-        row = rows[configuration]
+        row = configuration_row(directory, configuration)
         name = row["duplicate_of"] or configuration
         recording = _recording(directory, name, run_index)
         scenario = scenario_of_row(row, KeptFiles(directory))
@@ -70,15 +64,12 @@ def recorded_run(directory: Path, configuration: str, run_index: int) -> Recorde
 
 
 def _recording(directory: Path, name: str, run_index: int) -> Recording:
-    file = directory / "recordings" / f"{name}.parquet"
-    if not file.is_file():
+    recordings = recordings_of(directory, name)
+    if not recordings:
         raise UnusableDirectory(f"{directory}: no run of {name} was recorded; `vastflow show` says why")
-    recordings = {r.run.run_index: r for r in read_recordings(file.read_bytes())}
     if run_index not in recordings:
         known = list(map(str, sorted(recordings)))
         if len(known) > 8:
             known = [*known[:7], f"… {known[-1]} ({len(known)} in all)"]
         raise UnusableDirectory(f"{directory}: no run {run_index} of {name}; it has {', '.join(known)}")
-    of_all = behaviors_of(directory, name)
-    own = of_all.pop("run_index", None) == run_index
-    return replace(recordings[run_index], behaviors={name: column[own] for name, column in of_all.items()})
+    return recordings[run_index]

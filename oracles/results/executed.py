@@ -5,17 +5,23 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
+import pyarrow.parquet as pq
+
 from vastflow.oracles.judgement.notebook import RunTables, run_tables
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import trace_of
-from vastflow.oracles.results.schema import table_rows
+from vastflow.oracles.results.schema import behaviors_of, table_rows
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.blocks import read_block, read_recordings
 from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.files import read_json
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.scenario import Scenario, setup_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.reading.abstract import abstract_content
@@ -62,6 +68,32 @@ class KeptFiles:
             **{digest: self._environments / place for digest, place in places.items()},
             **{digest: file for file in files for digest in _digests(file)},
         }
+
+
+def configuration_row(directory: Path, configuration: str) -> Mapping[str, Any]:
+    """Return a row of `configurations.parquet`; raises `UnusableDirectory` if there is none of this name."""
+    file = directory / "configurations.parquet"
+    found: list[Mapping[str, Any]] = pq.read_table(file, filters=[("name", "==", configuration)]).to_pylist()
+    if not found:
+        names = [row["name"] for row in table_rows(file, "name")]
+        hint = did_you_mean(configuration, names, "it has none", listed="it has")
+        raise UnusableDirectory(f"{directory}: no configuration {configuration!r}; {hint}")
+    return found[0]
+
+
+def recordings_of(directory: Path, configuration: str) -> Mapping[int, Recording]:
+    """Return the recordings of an executed configuration by run index; none where its file is missing."""
+    file = directory / "recordings" / f"{configuration}.parquet"
+    if not file.is_file():  # every run of it broke
+        return {}
+    of_all = behaviors_of(directory, configuration)
+    index = of_all.pop("run_index", None)
+    return {
+        each.run.run_index: replace(
+            each, behaviors={name: column[index == each.run.run_index] for name, column in of_all.items()}
+        )
+        for each in read_recordings(file)
+    }
 
 
 def scenario_of_row(row: Mapping[str, Any], files: KeptFiles) -> Scenario:

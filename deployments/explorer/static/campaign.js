@@ -1,6 +1,6 @@
 /** The page of a campaign: one selection, which the address has, and views of it that follow. */
 import { parallelChart, scatterChart, widthIn } from "./chart.js";
-import { $, address, copy, count, element, fetchPacked, fetchParts, query, remember } from "./dom.js";
+import { $, copy, count, element, fetchPacked, fetchParts, query, remember } from "./dom.js";
 import { replace, showError, shown, stepOf, tellRun, tellShown, within } from "./dom.js";
 import { brushHistograms, changed, followFields, rangeText, valuesText } from "./facets.js";
 import { MapView } from "./map_view.js";
@@ -49,7 +49,7 @@ const showMap = () => {
     if (!environment) return (note.textContent = "These scenarios have no map.");
     const content = await packed("paths", ["environment", environment]);
     const { header } = content;
-    await map.show(content, address("/api/map.png", { c: query.get("c"), environment }));
+    map.show(content);
     const { read, configurations_here: all, damaged, problem } = header;
     const words = [
       `${count(header.runs ?? 0)} recorded runs on this map.`,

@@ -9,8 +9,6 @@ function tell() {
   if (!form) return;
   const ticked = form.querySelectorAll("input:checked").length;
   form.querySelector("button.main").disabled = ticked !== 2;
-  const words = ["Tick two campaigns.", "Tick one more.", "The older is the baseline."];
-  $("told").textContent = words[ticked] ?? `Tick two, not ${ticked}.`;
 }
 
 /** Take the list anew if it changed; ticks stay. */

@@ -28,7 +28,7 @@ async function showMap(place) {
   map.marks = [...marks("ring", start ? [start] : []), ...marks("diamond", goals), ...crosses];
   map.outlines = obstacles;
   map.extent = extentOf([...arrays.xy, ...(start ?? []), ...goals.flat()], header.floor.extent);
-  await map.show(content, address("/api/map.png", { c, environment: header.environment }));
+  map.show(content);
 }
 
 async function showSignals(place) {

@@ -1,7 +1,7 @@
 /** The map: trajectories, final poses, or rates of cells on a floor that is moved by pointer or keys. */
 import { placeIn } from "./brush.js";
 import { DOTS, nearestTo } from "./chart.js";
-import { count, drawn, element, fetched, filled, stepOf, tellRun, VERDICTS, within } from "./dom.js";
+import { count, drawn, element, filled, stepOf, tellRun, VERDICTS, within } from "./dom.js";
 import { picture, ShownPart } from "./maps.js";
 import { saveButtons } from "./save.js";
 
@@ -72,18 +72,10 @@ export class MapView extends ShownPart {
     super.fit();
   }
 
-  /**
-   * Show a reply of /api/paths over the picture of its floor.
-   * @param {{header: any, arrays: any}} content
-   * @param {string} pictureAddress
-   */
-  async show(content, pictureAddress) {
+  /** Show a reply of /api/paths over the picture of its floor. @param {{header: any, arrays: any}} content */
+  show(content) {
     const { header } = content;
-    if (header.floor && this.pictureAddress !== pictureAddress) {
-      this.pictureAddress = pictureAddress;
-      this.picture = await dataOf(pictureAddress);
-      this.fitted = true;
-    }
+    if (header.floor?.picture !== this.floor?.picture) this.fitted = true;
     this.content = content;
     this.floor = header.floor;
     this.legend.replaceChildren();
@@ -99,7 +91,7 @@ export class MapView extends ShownPart {
     const [x, y] = floor.origin;
     const turned = `translate(${x} ${-y}) rotate(${(-180 * floor.yaw) / Math.PI})`;
     const box = { x: floor.x - x, y: y - floor.y - floor.height, width: floor.width, height: floor.height };
-    const ground = drawn("image", { href: this.picture, transform: turned, ...PIXELS, ...box });
+    const ground = drawn("image", { href: floor.picture, transform: turned, ...PIXELS, ...box });
     const outlines = this.outlines.map((corners) => {
       const points = corners.map(([px, py]) => `${px},${-py}`).join(" ");
       return drawn("polygon", { points, ...OBSTACLE });
@@ -203,14 +195,4 @@ function rampColor(share) {
   const k = Math.min(Math.floor(at), RAMP.length - 2);
   const [from, to] = [RAMP[k], RAMP[k + 1]].map((color) => color.match(/\w\w/g).map((part) => parseInt(part, 16)));
   return from.map((part, c) => Math.round(part + (to[c] - part) * (at - k)));
-}
-
-/** A file as an address that holds it, so that a saved figure has it too. */
-async function dataOf(place) {
-  const blob = await (await fetched(place)).blob();
-  return new Promise((resolve) => {
-    const reader = new FileReader();
-    reader.onload = () => resolve(reader.result);
-    reader.readAsDataURL(blob);
-  });
 }

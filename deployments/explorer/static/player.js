@@ -1,7 +1,6 @@
 /** The player: one or two runs on one clock. */
 import { $, copy, element, fetchPacked, query, readTheme, remember, showError, within } from "./dom.js";
 import { RunMap } from "./player_map.js";
-import { panel } from "./player_panels.js";
 import { Layers, Run } from "./player_run.js";
 import { Tracks } from "./player_tracks.js";
 
@@ -20,7 +19,6 @@ class Player {
     this.t = within(Number(query.get("t")) || 0, 0, this.end);
     this.frame = 0;
     find(".maps").replaceChildren(...this.sides.map((side, k) => this.#map(side, k)));
-    find(".panels").replaceChildren(...sides.map(({ run }) => panel(run, (t) => this.seek(t))));
     $("controls").hidden = !this.views.length;
     this.tracks = new Tracks(find(".tracks"), this.sides, this.end, (t) => this.seek(t));
     this.#listen();
@@ -83,9 +81,12 @@ class Player {
     document.addEventListener("click", ({ target }) => {
       const button = target.closest("button[data-action]");
       if (button) this.actions[button.dataset.action](false);
+      const moment = target.closest("button[data-t]");
+      if (moment) this.seek(Number(moment.dataset.t));
     });
     layers.addEventListener("change", () => this.draw());
-    for (const swatch of layers.querySelectorAll("[data-color]")) swatch.style.color = `var(--${swatch.dataset.color})`;
+    for (const swatch of document.querySelectorAll("[data-color]"))
+      swatch.style.color = `var(--${swatch.dataset.color})`;
   }
 
   /** Draw the maps in the colors of light or dark. */
@@ -98,6 +99,7 @@ class Player {
   /** Draw the maps in the size of the page. */
   repaint() {
     for (const view of this.views) view.place();
+    this.tracks.paint();
     this.#draw(performance.now());
   }
 
@@ -199,7 +201,6 @@ class Player {
     execute.hidden = this.views.some((view) => view.layers);
     for (const box of layers.querySelectorAll("input")) box.disabled &&= !execute.hidden;
     said.textContent = [...new Set(told)].filter(Boolean).join(" ");
-    this.tracks.paint();
     this.repaint();
   }
 }

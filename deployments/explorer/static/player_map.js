@@ -1,7 +1,7 @@
 /** The map of one run, drawn in meters; y points up. */
 import { picture, ShownPart } from "./maps.js";
-import { verdictOf } from "./player_panels.js";
 
+const VERDICTS = { pass: "pass", fail: "fail" };
 const TURN = 2 * Math.PI;
 const MARGIN_PX = 12;
 const BAR_M = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
@@ -38,13 +38,9 @@ export class RunMap extends ShownPart {
   /** Show the part of the map that fits into the page, or all of it. */
   place() {
     const { element: canvas } = this;
-    const { x_m: x, y_m: y, yaw_rad, rows, columns, resolution_m } = this.grids[0];
-    const [width, height, c, s] = [columns * resolution_m, rows * resolution_m, Math.cos(yaw_rad), Math.sin(yaw_rad)];
-    const xs = [0, c * width, -s * height, c * width - s * height];
-    const ys = [0, s * width, c * height, s * width + c * height];
     canvas.width = Math.round(canvas.clientWidth * devicePixelRatio);
     canvas.height = Math.round(canvas.clientHeight * devicePixelRatio);
-    this.take([x + Math.min(...xs), x + Math.max(...xs), y + Math.min(...ys), y + Math.max(...ys)], MARGIN_PX);
+    this.take(this.grids[0].extent, MARGIN_PX);
   }
 
   /** Draw a moment with the layers whose names are in `shown`. */
@@ -180,7 +176,7 @@ export class RunMap extends ShownPart {
     };
     if (shown.has("future")) this.#stroke(line(row + 1, run.t.length), theme.muted, 1, [2, 3]);
     if (shown.has("belief")) this.#stroke(line(0, row + 1, true), theme.belief, 1, [4, 2]);
-    if (shown.has("past")) this.#stroke(line(0, row + 1), theme[verdictOf(run.header.judgement).color], 2);
+    if (shown.has("past")) this.#stroke(line(0, row + 1), theme[VERDICTS[run.header.judgement] ?? "not-judged"], 2);
   }
 
   #robot({ x, y, yaw }, edge, inside, width) {

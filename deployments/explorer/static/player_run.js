@@ -19,17 +19,15 @@ export class Run {
     this.t = this.columns.t_ms || new Float64Array(1);
     this.end = Math.max(header.simulated_s || 0, this.t[this.t.length - 1]);
     this.events = header.events || [];
-    this.contacts = this.events.filter((event) => event.mark === "contact");
+    this.contacts = this.events.filter((event) => event.kind === "contact");
   }
 
   /** Sample at or before a time, the one after it, and the share of the time between them. */
   between(t) {
-    let row = 0;
-    for (let end = this.t.length - 1; row < end;) {
-      const middle = (row + end + 1) >> 1;
-      if (this.t[middle] <= t + 1e-9) row = middle;
-      else end = middle - 1;
-    }
+    const row = Math.max(
+      this.t.findLastIndex((each) => each <= t + 1e-9),
+      0,
+    );
     const next = Math.min(row + 1, this.t.length - 1);
     const step = this.t[next] - this.t[row];
     return { row, next, share: step > 0 ? Math.min(Math.max((t - this.t[row]) / step, 0), 1) : 0 };
@@ -82,9 +80,7 @@ export class Layers {
   /** Points x, y, x, y … of a moment (m). */
   points(name, moment) {
     const [first, end] = this.arrays[`${name} spans`].subarray(2 * moment);
-    const [x, y, size] = this.header.units[name];
-    const units = this.arrays[`${name} points`].subarray(2 * first, 2 * end);
-    return Float32Array.from(units, (unit, k) => (k % 2 ? y : x) + size * unit);
+    return Float32Array.from(this.arrays[`${name} points`].subarray(2 * first, 2 * end), (at) => at / 1000);
   }
 
   /** Costs of a moment, and where they are; null while there are none. */

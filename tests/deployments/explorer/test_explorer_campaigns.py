@@ -122,8 +122,8 @@ def test_change_compares_with_previous_campaign_of_the_name(directories, add_cam
     newest, other, first = rows(directories)
     assert (first.change, other.change) == (None, None)
     assert (newest.change.added, newest.change.removed, newest.change.previous) == (2, 1, first.campaign)
-    assert [text for kind, text in newest.change.lines if kind == "added"] == ["  runs: 8", "  seed: 1"]
-    assert newest.change.lines[0] == ("gap", "line 1")
+    assert [line for line in newest.change.lines if line[0] == "+"] == ["+  runs: 8", "+  seed: 1"]
+    assert newest.change.lines[0].startswith("@@ -1")
 
 
 def test_change_counts_omitted_lines(directories, add_campaign):
@@ -145,10 +145,18 @@ def test_trend_has_judged_campaigns_of_a_name_oldest_first(directories, add_camp
         add_campaign(day, {"room": [lost]})
     add_campaign(23, {"room": [1]}, name="single")
     (trend,) = trends_of(rows(directories))
-    assert [point.counts for point in trend.points] == [Counts(3, 1), Counts(2, 2), Counts(4, 0)]
-    assert [point.x_px for point in trend.points] == sorted(point.x_px for point in trend.points)
-    assert all(point.high_px <= point.y_px <= point.low_px for point in trend.points)
-    assert trend.points[2].y_px < trend.points[0].y_px < trend.points[1].y_px
+    assert [counts for _, counts in trend["campaigns"]] == [Counts(3, 1), Counts(2, 2), Counts(4, 0)]
+
+
+def test_trend_is_drawn_from_left_to_right_with_intervals(client, add_campaign):
+    for day, lost in ((20, 1), (21, 2), (22, 0)):
+        add_campaign(day, {"room": [lost]})
+    pattern = r'y="([\d.]+)" height="([\d.]+)"/><circle class="pass" cx="([\d.]+)" cy="([\d.]+)"'
+    drawn = [tuple(map(float, each)) for each in re.findall(pattern, client.get("/").text)]
+    assert [x for _, _, x, _ in drawn] == [42.0, 147.0, 252.0]
+    assert all(8 <= high <= at <= high + height + 0.1 <= 56.1 for high, height, _, at in drawn)
+    first, second, third = (at for *_, at in drawn)
+    assert third < first < second
 
 
 def test_list_of_one_name_has_an_address(client, add_campaign):

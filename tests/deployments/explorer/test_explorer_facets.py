@@ -2,7 +2,6 @@
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pytest
 
 from vastflow.deployments.explorer.configuration_page import neighbor
@@ -16,7 +15,7 @@ from vastflow.deployments.explorer.facets import (
     summary_json,
     varying_of,
 )
-from vastflow.deployments.explorer.selection import is_by_result, mask_of, parse_filter, run_table_of
+from vastflow.deployments.explorer.selection import WIDE_FILE, is_by_result, mask_of, parse_filter, read_run_table
 from vastflow.deployments.explorer.trajectories import STEP_M, joined, layer, paths_of
 from vastflow.oracles.statistics.failure_map import failure_map, grid_over
 
@@ -50,9 +49,10 @@ def runs_of():
 
 
 @pytest.fixture(scope="module")
-def table():
-    found = pa.Table.from_pandas(runs_of(), preserve_index=False)
-    return run_table_of(found.column_names, found.column)
+def table(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaign")
+    runs_of().to_parquet(folder / WIDE_FILE, index=False)
+    return read_run_table(folder)
 
 
 @pytest.fixture(scope="module")

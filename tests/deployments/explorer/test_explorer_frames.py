@@ -12,10 +12,12 @@ from unpacked import unpacked
 from vastflow.deployments.explorer.frames import (
     ERRORS,
     FREE,
+    NO_POINTS,
     UNKNOWN,
     WALL,
     StoredRun,
     frames_of,
+    plots_of,
     scenario_spans,
     stored_run,
 )
@@ -86,7 +88,7 @@ def test_frames_hold_recorded_and_derived_columns(directory: Path):
         np.testing.assert_array_equal(arrays[name], recorded[name])
     for name in ("localization_error_mm", "wall_clearance_mm", "static_clearance_mm", "deviation_mm"):
         np.testing.assert_array_equal(arrays[name], derived[name])
-    drawn = {column for plot in header["signals"] for column in plot["lines"]}
+    drawn = {line["column"] for plot in plots_of([stored_run(directory, "office-1", 1)]) for line in plot["lines"]}
     assert "sent_speed_mmps" not in drawn  # which this recording lacks
     assert drawn <= arrays.keys()
     assert (header["judgement"], header["reason"], header["nowhere"]) == ("fail", "stuck <b>", NOWHERE_MM)
@@ -101,18 +103,18 @@ def test_frames_hold_map_start_goals_and_reference(directory: Path):
     assert cells.shape == (80, 100)  # the known part
     assert (cells[0, 0], cells[1, 1]) == (WALL, FREE)
     assert UNKNOWN not in cells
-    assert (header["start"], header["goals"]) == ([1.0, 2.0, 0.5], [[3.8, 2.0, 0.0]])
+    assert header["goals"] == [[3.8, 2.0]]
     assert header["robot"] == {"radius_m": 0.17, "vertices": []}
     assert np.hypot(*(arrays["reference"][-1] - (3.8, 2.0))) < 0.05
 
 
 def test_frames_hold_events_and_moves_of_obstacles(directory: Path):
     header, _ = unpacked(frames_of(stored_run(directory, "office-1", 0), "office-1"))
-    assert [(event["t_s"], event["mark"], event["text"]) for event in header["events"]] == [
-        (0.5, "error", "planner failed: no valid path (208)"),
+    assert [(event["t_s"], event["kind"], event["text"]) for event in header["events"]] == [
+        (0.5, "plan_failed", "planner failed: no valid path (208)"),
         (0.5, "recovery", "recovery: spin"),
         (1.25, "contact", "contact with box_3_2.5 at 0.20 m/s"),
-        (3.0, "goal", "goal 1 reached"),
+        (3.0, "goal_reached", "goal 1 reached"),
     ]
     (box,) = header["obstacles"]
     assert box["places"] == [[-0.001, 3.0, 2.5, 0.0], [1.2, 3.1, 2.5, 0.1]]
@@ -134,7 +136,7 @@ def test_frames_of_duplicate_are_those_of_its_original(directory: Path):
 def test_stored_run_names_missing_parts(directory: Path):
     with pytest.raises(UnusableDirectory, match=r"no configuration 'office-3'; did you mean 'office-[12]'"):
         stored_run(directory, "office-3", 0)
-    with pytest.raises(UnusableDirectory, match="office-1 has no run 2"):
+    with pytest.raises(UnusableDirectory, match="office-1: expected the number of a run, 0 to 1, got 2"):
         stored_run(directory, "office-1", 2)
     (directory / "recordings" / "office-1.parquet").write_bytes(b"PAR1")
     with pytest.raises(UnusableDirectory, match="damaged campaign directory"):
@@ -159,11 +161,18 @@ def test_frames_without_robot_have_events_and_actions():
     }
     told = Run(0, "1:2:0", "failed", 0, "exit code 3", 2.6, 0.0, 0, 0)
     scenario = Scenario("builtin:navigate_to_pose", 60.0, {}, {}, {})
-    run = StoredRun("growth-1", 0, scenario, Recording(told, {}, behaviors), None, {}, [])
+    run = StoredRun("growth-1", 0, scenario, Recording(told, {}, behaviors), NO_POINTS, {}, [])
     header, arrays = unpacked(frames_of(run, "growth-1"))
     assert header["sentence"].startswith("This scenario has no robot")
     assert "outputs/growth-1.zip" in header["sentence"]
-    span = {"name": "run_process", "start_s": 0.1, "end_s": 2.5, "status": "FAILURE", "message": "exit code 3"}
+    span = {
+        "name": "run_process",
+        "start_s": 0.1,
+        "end_s": 2.5,
+        "status": "FAILURE",
+        "message": "exit code 3",
+        "lane": 0,
+    }
     assert header["behaviors"] == [span]
     assert arrays == {}
 
@@ -182,10 +191,23 @@ def test_scenario_spans_run_to_the_end_without_last_status():
 
 def test_frames_leave_deviation_out_without_reference(directory: Path):
     run = stored_run(directory, "office-1", 0)
-    assert run.trace is not None
-    header, arrays = unpacked(frames_of(replace(run, trace=None), "office-1"))
+    assert len(run.reference_xy_m)
+    without = replace(run, reference_xy_m=NO_POINTS)
+    _, arrays = unpacked(frames_of(without, "office-1"))
     assert "deviation_mm" not in arrays
-    assert "Off the reference path" not in [plot["title"] for plot in header["signals"]]
+    assert "Off the reference path" not in [plot["title"] for plot in plots_of([without])]
+
+
+def test_plots_overlay_runs_and_leave_gaps(directory: Path):
+    run = stored_run(directory, "office-1", 1)
+    gap = replace(run, derived={**run.derived, "localization_error_mm": np.array([NOWHERE_MM, 1000, 2500, *[0] * 6])})
+    (plot,) = (each for each in plots_of([run, gap]) if each["title"] == "Localization error")
+    assert [(line["side"], line["column"]) for line in plot["lines"]] == [
+        (0, "localization_error_mm"),
+        (1, "localization_error_mm"),
+    ]
+    assert (plot["low"], plot["high"]) == (0.0, 2.5)
+    assert plot["lines"][1]["d"].startswith("M0.1 -1L0.2 -2.5L0.3 0L")
 
 
 def test_frames_hold_world_and_masks_beside_the_map(directory: Path, tmp_path: Path):

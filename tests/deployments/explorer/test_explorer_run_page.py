@@ -1,13 +1,13 @@
 """Addresses of a run: its page, its frames, its layers, and the failed runs around it."""
 
+import re
 from pathlib import Path
 
 import pytest
 from unpacked import unpacked
 
 from vastflow.deployments.explorer import run_page
-from vastflow.deployments.explorer.around import around_run
-from vastflow.oracles.results.unusable import UnusableDirectory
+from vastflow.deployments.explorer.run_page import around_run
 
 
 class NoPool:
@@ -47,13 +47,20 @@ def test_around_run_finds_failed_runs_in_order_of_configurations(add_campaign):
     directory = add_campaign(3, {"noisy": [1, 0, 2], "a": [1]})
     around = [around_run(directory, *run) for run in (("noisy-1", 0), ("noisy-2", 3), ("noisy-3", 1), ("a-1", 0))]
     first, second, third, last = ("noisy-1", 0), ("noisy-3", 0), ("noisy-3", 1), ("a-1", 0)
-    found = [(each.before, each.after) for each in around]
+    found = [(each["before"], each["after"]) for each in around]
     assert found == [(None, second), (first, second), (second, last), (third, None)]
-    assert around[2].runs == {0: "fail", 1: "fail", 2: "pass", 3: "pass"}
-    with pytest.raises(UnusableDirectory, match="no configuration 'noisi-1'; did you mean 'noisy-1'"):
-        around_run(directory, "noisi-1", 0)
-    with pytest.raises(UnusableDirectory, match="a-1: expected the number of a run, 0 to 3, got 4"):
-        around_run(directory, "a-1", 4)
+    assert around[2]["runs"] == {0: "fail", 1: "fail", 2: "pass", 3: "pass"}
+
+
+def test_run_page_has_verdicts_time_line_and_signals(client, add_campaign, id_of):
+    campaign = id_of(add_campaign(3, {"quiet": [1]}))
+    page = client.get("/run", params=of(campaign, **{"with": "quiet-1", "withrun": 1})).text
+    assert '<h2>quiet-1, run 0 <strong class="fail">failed</strong></h2>' in page
+    assert '<h2>quiet-1, run 1 <strong class="pass">passed</strong></h2>' in page
+    assert page.count('<svg class="robot"') == 2 and ">robot A</text>" in page
+    speed = re.search(r"<span>Speed</span>.*?</svg>\n</svg>", page, re.DOTALL)[0]
+    assert re.findall(r'data-side="(\d)" data-column="(\w+)"', speed) == [("0", "speed_mmps"), ("1", "speed_mmps")]
+    assert speed.count('<path d="M0 -0.5L') == 2
 
 
 def test_frames_reply_is_that_of_the_run(client, add_campaign, id_of):
@@ -71,7 +78,7 @@ def test_frames_reply_is_that_of_the_run(client, add_campaign, id_of):
         ({"run": "x"}, 400, "run: expected a whole number, got 'x'"),
         ({"run": "-1"}, 400, "run: expected a whole number, got '-1'"),
         ({"run": ""}, 400, "run: expected a value in the address, got none"),
-        ({"run": 9}, 409, "quiet-1 has no run 9"),
+        ({"run": 9}, 409, "quiet-1: expected the number of a run, 0 to 3, got 9"),
         ({"configuration": "../quiet-1"}, 409, "no configuration '../quiet-1'"),
         ({"configuration": "<script>"}, 409, "no configuration '<script>'"),
         ({"c": "nowhere"}, 404, "No campaign directory has this id"),
