@@ -121,7 +121,7 @@ def store_of(executor):
 
 
 def _put(store, shared):
-    number, same = shared.opened()
+    number, same = shared()
     store.put("search/ab/key", {"x": b"x"})
     return number, same.place
 

@@ -14,7 +14,6 @@ from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.engine import units, work
 from vastflow.tasks.engine.engine import Engine, judgements
-from vastflow.tasks.engine.executor import LocalPickle
 from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.work import BEHAVIORS, RECORDINGS, RUN_LOG, TRACES, VERDICTS, Executed
@@ -38,7 +37,7 @@ class Pool:
         self.done = 0
 
     def shared(self, value):
-        return LocalPickle(pickle.dumps(value))
+        return lambda: value
 
     def submit(self, function, stage, store, *arguments, priority):
         self.done += 1
