@@ -10,17 +10,14 @@ from vastflow.sim.model.pose import Pose
 from vastflow.tasks.keys import source
 from vastflow.tasks.keys.source import SourceTree, installed_tree
 
-PROGRAM = '''"""A module."""
-import math
+PROGRAM = """import math
 
 LIMIT = 3
-"""An attribute's docstring."""
 
 
 def area(radius_m):
-    """In square meters."""
     return math.pi * radius_m**2  # by Archimedes
-'''
+"""
 MODULES = ["pkg.sim", "pkg.sim.late", "pkg.sim.nav", "pkg.sim.nav.kernel", "pkg.sim.run"]
 
 
@@ -69,17 +66,9 @@ def test_code_has_modules_imported_also_relatively_and_inside_functions(tree):
     "file, old, new, is_same",
     [
         ("nav/kernel", "  # by Archimedes", "", True),
-        ("nav/kernel", "  # by Archimedes", "  # by somebody else", True),
-        ("nav/kernel", '"""In square meters."""', '"""Square meters,\n\n    of a circle.\n    """', True),
-        ("nav/kernel", '"""A module."""', "", True),
-        ("nav/kernel", '"""An attribute\'s docstring."""', "", True),
-        ("nav/kernel", "\n\n\ndef area", "\n\n\n\n\ndef area", True),
-        ("nav/kernel", "math.pi * radius_m**2", "math.pi*radius_m ** 2", True),
         ("nav/kernel", "\n", "\r\n", True),
         ("other", "1", "2", True),
         ("nav/kernel", "LIMIT = 3", "LIMIT = 4", False),
-        ("nav/kernel", "radius_m**2", "radius_m**3", False),
-        ("nav/kernel", "    return math", "    radius_m += 1\n    return math", False),
         ("nav/kernel", "import numba", "import scipy", False),
     ],
 )
