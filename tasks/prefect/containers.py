@@ -86,7 +86,7 @@ class Needs:
 
     @property
     def quantities(self) -> dict[str, str]:
-        """What is needed of `cpu`, `memory`, and `gpu`, as quantities of Kubernetes."""
+        """The needed `cpu`, `memory`, and `gpu` as quantities of Kubernetes."""
         memory = self.memory_bytes and kubernetes_memory(self.memory_bytes)
         amounts = {"cpu": self.cpu, "memory": memory, "gpu": self.gpu}
         return {name: str(amount) for name, amount in amounts.items() if amount}

@@ -203,22 +203,6 @@ def test_manual_run_has_own_flow_run_page(api, place, first):
 
 
 @more
-def test_second_night_executes_nothing_and_writes_results(api, first, work):
-    second = work()
-    assert second.state.message.endswith("; 0 runs executed, 4 from the store")
-    assert set(artifacts(api, second)) == {"tiny-progress", "tiny-results", "tiny-report"}
-    assert "2 configurations × 2 runs; 4 runs are in the store" in logged(api, second)
-
-
-@more
-def test_report_link_uses_served_address(api, first, work):
-    asked = work(reports="https://lab.example/results/", runs=3)
-    link = artifacts(api, asked)["tiny-report"]["data"]
-    assert link.startswith("[report.html](https://lab.example/results/tiny-20")
-    assert asked.name == "tiny, 2 configurations × 3 runs"
-
-
-@more
 def test_invalid_campaign_file_fails_flow_run_with_place(place, first, work):
     Path(place, "broken.vast").write_text(CAMPAIGN.replace("runs: 2", "runs: none"))
     broken = work(campaign=str(place / "broken.vast"))
