@@ -17,7 +17,6 @@ from prefect.cli.deploy._models import PrefectYamlModel, RawScheduleConfig
 from vastflow.flows.campaign import campaign
 from vastflow.flows.cli.deploy import IMAGE_FOLDER
 from vastflow.producers.campaign import load_campaign
-from vastflow.tasks.engine import work
 from vastflow.tasks.prefect import deployment
 from vastflow.tasks.prefect.containers import memory_bytes
 from vastflow.tasks.prefect.deployment import Deployment, description_of
@@ -146,16 +145,6 @@ def test_server_and_worker_are_of_a_prefect_that_vastflow_runs_with():
     server, worker = documents("values/server.yaml") + documents("values/worker.yaml")
     tags = server["global"]["prefect"]["image"]["prefectTag"], worker["worker"]["image"]["prefectTag"]
     assert all(tag.partition("-")[0] in needed.specifier for tag in tags)
-
-
-def test_image_installs_as_the_readme_does_and_compiles_the_kernels():
-    readme = (ROOT / "README.md").read_text()
-    assert "python3 -m venv .venv && .venv/bin/pip install -c deployments/constraints.txt -e ." in readme
-    assert (
-        "python3 -m venv .venv && .venv/bin/pip install --no-cache-dir -c deployments/constraints.txt -e '.[dask]'"
-        in DOCKERFILE
-    )
-    assert f"from {work.__name__} import {work.compile_kernels.__name__};" in DOCKERFILE
 
 
 def test_image_runs_as_the_user_and_in_the_folder_that_the_jobs_have():

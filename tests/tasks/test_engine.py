@@ -1,7 +1,7 @@
-from concurrent.futures import Future
 from types import SimpleNamespace
 
 import pytest
+from at_once import AtOnce
 
 from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.sim.model.scenario import Scenario
@@ -20,32 +20,15 @@ def configuration(name, runs=2):
     return ConfigurationRuns(name, "room", 1, Scenario("builtin:navigate_to_pose", 60.0, {}, {"name": name}, {}), runs)
 
 
-class Pool:
-    """Does jobs at once in this thread with stand-ins for the stages; `answers` says what becomes of a configuration."""
-
-    workers = 1
-    closed = whole_units = False
+class Pool(AtOnce):
+    """Has stand-ins for the stages; `answers` says what becomes of a configuration."""
 
     def __init__(self):
         self.done = []
         self.answers = {}
 
-    def shared(self, value):
-        return lambda: value
-
-    def prepare(self, function, *arguments):
-        return self.submit(function, *arguments, priority=0)
-
-    def submit(self, function, *arguments, priority):
+    def called(self, function, stage, *arguments):
         assert function is work.answered
-        future = Future()
-        try:
-            future.set_result(self._do(*arguments))
-        except Exception as error:  # noqa: BLE001 - as a pool does
-            future.set_exception(error)
-        return future
-
-    def _do(self, stage, *arguments):
         scenario = next((each for each in arguments if isinstance(each, Scenario)), None)
         name = scenario.task["name"] if scenario else ""
         self.done.append((stage.__name__, name))
