@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from command_line import called, refused
-from room import drawn_room
+from room import SHORT_DRIVES, drawn_room
 
 from vastflow.flows import run_campaign
 from vastflow.flows.request.run_request import RunRequest
@@ -21,21 +21,7 @@ more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reaso
 
 WORKER_S = 420
 DEPLOYMENT = "campaign/tiny"
-CAMPAIGN = """\
-version: 1
-metadata: {name: tiny}
-configuration:
-  - name: room
-    parameters:
-      - map_file: room.yaml
-      - start_pose: {x: 1.0, y: 1.5, yaw: 0.0}
-      - goal_pose: {x: 1.6, y: 1.5, yaw: 0.0}
-    variations:
-      - ParameterVariationList:
-          name: laserscan_gaussian_noise_std_deviation
-          values: [0.0, 0.01]
-execution: {runs: 2, timeout: 30}
-"""
+CAMPAIGN = SHORT_DRIVES.replace("NAME", "tiny")
 
 
 @pytest.fixture(scope="module")

@@ -12,31 +12,15 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 from asleep import SLEEP_X, SLEEPING_SEARCH, wait_until
-from room import drawn_room
+from room import SHORT_DRIVES, drawn_room
 
 from vastflow.flows import run_campaign
 from vastflow.tasks.store.remote_files import RemoteFiles
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(580)]
 
-ROOM = """
-version: 1
-metadata: {name: pooled}
-configuration:
-  - name: room
-    parameters:
-      - map_file: ../maps/room.yaml
-      - start_pose: {x: 1.0, y: 1.5, yaw: 0.0}
-      - goal_pose: {x: 1.6, y: 1.5, yaw: 0.0}
-    variations:
-      - ParameterVariationList:
-          name: laserscan_gaussian_noise_std_deviation
-          values: [0.0, 0.01, 0.02]
-execution: {runs: 2, timeout: 30}
-evaluation:
-  oracles:
-    - own_oracle.py:Distance: {least_m: 0.1}
-"""
+ROOM = SHORT_DRIVES.replace("NAME", "pooled").replace("room.yaml", "../maps/room.yaml").replace("0.01]", "0.01, 0.02]")
+OWN_ORACLE = "evaluation: {oracles: ['own_oracle.py:Distance': {least_m: 0.1}]}\n"
 ORACLE = """
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
@@ -192,7 +176,7 @@ def room(tmp_path):
     drawn_room(tmp_path / "maps", 60)
     (tmp_path / "campaign").mkdir()
     (tmp_path / "campaign" / "own_oracle.py").write_text(ORACLE)
-    (tmp_path / "campaign" / "room.vast").write_text(ROOM)
+    (tmp_path / "campaign" / "room.vast").write_text(ROOM + OWN_ORACLE)
     return tmp_path / "campaign" / "room.vast"
 
 
