@@ -168,7 +168,7 @@ def _write_cluster(
     operator: bool,
 ) -> None:
     """Write a campaign with a Dask cluster as a folder for `kubectl apply -k`."""
-    from vastflow.tasks.prefect.kustomization import SCHEDULER, SECRET_FILE, ClusterCampaign
+    from vastflow.tasks.prefect.kustomization import SCHEDULER, SECRET_FILE, cluster_files
     from vastflow.tasks.store.store import is_address
 
     store, results = asked["store"], asked["results"]
@@ -181,7 +181,7 @@ def _write_cluster(
     own = {"cluster": SCHEDULER, "results": results or f"{store.rstrip('/')}-results", "map_dir": map_dir, "workers": 1}
     request = asked_request(Path(_place(file, kind)), {**asked, **own})
     command = ["vastflow", "run", *command_line(request)]
-    made = ClusterCampaign(description, command, asked["workers"] or WORKERS, image, queue, operator).files()
+    made = cluster_files(description, command, asked["workers"] or WORKERS, image, queue, operator=operator)
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in made.items():
         if name != SECRET_FILE or not (folder / name).exists():  # credentials are the user's
@@ -278,11 +278,10 @@ def _print_containers(found: "RunDescription", format_: Format) -> None:
     from vastflow.tasks.prefect.manifests import compose_file, pod_template, yaml_text
 
     if format_ is Format.compose:
-        print(yaml_text(compose_file(found)), end="")
-        notes = _compose_notes(found)
+        made, notes = compose_file(found), _compose_notes(found)
     else:
-        print(yaml_text(pod_template(found)), end="")
-        notes = _kubernetes_notes(found)
+        made, notes = pod_template(found), _kubernetes_notes(found)
+    print(yaml_text(made), end="")
     for note in notes:
         print(note, file=sys.stderr)
 

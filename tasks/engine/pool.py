@@ -40,8 +40,8 @@ TRIES: Final = 3
 MANY: Final = 4
 """Waiting units per worker with which all workers start at once."""
 
-ALONE_S: Final = 10.0
-"""Time after which the others start for any unit that waits: twice what a start takes, which most small campaigns end within."""
+WAITS_S: Final = 10.0
+"""Time that a unit waits for the first worker before the others start; two or three starts of a worker take as long."""
 
 _IN_FLIGHT_PER_WORKER: Final = 2
 _WATCH_S: Final = 0.5
@@ -62,6 +62,7 @@ class _Unit:
     arguments: tuple[Any, ...] = field(compare=False)
     outcome: "Future[Any]" = field(default_factory=Future, compare=False)
     tries: int = field(default=0, compare=False)
+    queued_s: float = field(default_factory=time.monotonic, compare=False)
 
 
 class _Lane:
@@ -106,7 +107,7 @@ class Pool:
         self._waiting: list[_Unit] = []
         self._suspects: list[_Unit] = []
         self._open: dict[int, _Unit] = {}
-        self._began_s = 0.0
+        self._timer: threading.Timer | None = None
         # A process inherits the mask of the thread that starts it: Ctrl-C can't hit a worker that is only starting.
         block = getattr(signal, "pthread_sigmask", lambda *_: None)
         self._owner = ThreadPoolExecutor(1, "vastflow pool", block, (getattr(signal, "SIG_BLOCK", 0), {signal.SIGINT}))
@@ -167,29 +168,29 @@ class Pool:
             if lane is None and not grown and (not self._lanes or self._is_much()):
                 lane = _Lane(self.workers - 1 if self._lanes else 1, self._log)
                 self._lanes.append(lane)
-                self._watch()
             if lane is None and grown:
                 free = (each for each in self._lanes if each.in_flight < _IN_FLIGHT_PER_WORKER * each.workers)
                 lane = next(free, None)
             if lane is None:
                 break
             self._start(heapq.heappop(self._waiting), lane)
+        if self._waiting and self._timer is None and len(self._lanes) < min(self.workers, 2):
+            self._timer = threading.Timer(WAITS_S, self._own, (self._look_again,))
+            self._timer.daemon = True
+            self._timer.start()
         if self._suspects:
             self._solo = self._solo or _Lane(1, self._log)
             if not self._solo.in_flight:
                 self._start(self._suspects.pop(0), self._solo)
 
     def _is_much(self) -> bool:
-        is_late = time.monotonic() - self._began_s >= ALONE_S
-        return is_late or len(self._waiting) >= MANY * self.workers
+        """True if the units that wait are many, or one waits long."""
+        longest_s = time.monotonic() - min(unit.queued_s for unit in self._waiting)
+        return len(self._waiting) >= MANY * self.workers or longest_s >= WAITS_S
 
-    def _watch(self) -> None:
-        """Hand on again what waits for the first worker too long."""
-        if len(self._lanes) == 1:
-            self._began_s = time.monotonic()
-            timer = threading.Timer(ALONE_S, self._own, (self._hand_on,))
-            timer.daemon = True
-            timer.start()
+    def _look_again(self) -> None:
+        self._timer = None
+        self._hand_on()
 
     def _start(self, unit: _Unit, lane: _Lane) -> None:
         lane.in_flight += 1

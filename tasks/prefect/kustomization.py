@@ -1,7 +1,6 @@
 """A campaign on a Dask cluster of its own, as a folder for `kubectl apply -k`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 from vastflow.tasks.prefect.containers import Needs, RunDescription, kubernetes_memory
@@ -24,11 +23,18 @@ _CAMPAIGN_NEEDS: Final = Needs(1, 4 * _GIB)
 _WORKER_NEEDS: Final = Needs(1, 2 * _GIB)
 
 
-@dataclass(frozen=True, slots=True)
-class ClusterCampaign:
-    """A campaign with the Dask cluster that computes it.
+def cluster_files(
+    description: RunDescription,
+    command: Sequence[str],
+    workers: int,
+    image: str,
+    queue: str = NAME,
+    *,
+    operator: bool = False,
+) -> Mapping[str, str]:
+    """Return content of the folder's files by name; `queues.yaml` is for Kueue, and `kubectl apply -k` leaves it out.
 
-    Attributes:
+    Args:
         description: Its resources, variables, and node labels are those of a worker.
         command: Command line of the campaign's Job, which drives the workers at `SCHEDULER`.
         workers: Number of workers, of one thread each.
@@ -36,58 +42,48 @@ class ClusterCampaign:
         queue: LocalQueue of Kueue; without Kueue the label has no effect.
         operator: Leave scheduler and workers to the Dask operator.
     """
+    parts = template("templates/cluster.yaml")
+    flavor, cluster, local = template("kueue/queues.yaml")
+    place = ["--name", "$(DASK_WORKER_NAME)"] if operator else [SCHEDULER]
+    worker = ["dask", "worker", *place, "--nthreads", "1", "--memory-limit", "0", "--no-dashboard"]
+    scheduler = ["dask", "scheduler", "--port", "8786", "--no-dashboard"]
+    needs = description.main.needs
+    needs = Needs(needs.cpu or _WORKER_NEEDS.cpu, needs.memory_bytes or _WORKER_NEEDS.memory_bytes, needs.gpu)
+    total_bytes = (needs.memory_bytes or 0) * workers + (_CAMPAIGN_NEEDS.memory_bytes or 0)
 
-    description: RunDescription
-    command: Sequence[str]
-    workers: int
-    image: str
-    queue: str = NAME
-    operator: bool = False
+    def pod(name: str, args: Sequence[str], needs: Needs, **own: Any) -> Any:
+        values = {"name": name, "args": args, "image": image, "secret": NAME, **needs.quantities}
+        return filled(parts["pod"], {**values, **own})
 
-    def files(self) -> Mapping[str, str]:
-        """Content of the folder's files by name; `queues.yaml` is for Kueue, and `kubectl apply -k` leaves it out."""
-        parts = template("templates/cluster.yaml")
-        flavor, cluster, local = template("kueue/queues.yaml")
-        place = ["--name", "$(DASK_WORKER_NAME)"] if self.operator else [SCHEDULER]
-        worker = ["dask", "worker", *place, "--nthreads", "1", "--memory-limit", "0", "--no-dashboard"]
-        scheduler = ["dask", "scheduler", "--port", "8786", "--no-dashboard"]
-        needs = self.description.main.needs
-        needs = Needs(needs.cpu or _WORKER_NEEDS.cpu, needs.memory_bytes or _WORKER_NEEDS.memory_bytes, needs.gpu)
-        total_bytes = (needs.memory_bytes or 0) * self.workers + (_CAMPAIGN_NEEDS.memory_bytes or 0)
-
-        def pod(name: str, args: Sequence[str], needs: Needs, **own: Any) -> Any:
-            values = {"name": name, "args": args, "image": self.image, "secret": NAME, **needs.quantities}
-            return filled(parts["pod"], {**values, **own})
-
-        values = {
-            "name": self.description.name,
-            "namespace": NAME,
-            "queue": self.queue,
-            "workers": self.workers,
-            "secret_file": SECRET_FILE,
-            "total_cpu": str((needs.cpu or 0) * self.workers + (_CAMPAIGN_NEEDS.cpu or 0)),
-            "total_memory": kubernetes_memory(total_bytes),
-            "scheduler_pod": pod("scheduler", scheduler, _SCHEDULER_NEEDS, port=8786),
-            "worker_pod": pod(
-                "worker",
-                worker,
-                needs,
-                restart_policy=None if self.operator else "OnFailure",
-                env=literal_variables(self.description.env),
-                node_labels=self.description.node_labels,
-            ),
-            "campaign_pod": pod("campaign", self.command, _CAMPAIGN_NEEDS, restart_policy="Never"),
-        }
-        dask = ("operated",) if self.operator else ("scheduler", "service", "workers")
-        documents = {
-            "namespace.yaml": [parts["namespace"]],
-            "dask.yaml": [parts[name] for name in dask],
-            "campaign.yaml": [parts["campaign"]],
-            "kustomization.yaml": [parts["kustomization"]],
-            "queues.yaml": [
-                flavor,
-                {**cluster, "spec": {**cluster["spec"], **parts["quota"]}},
-                {**local, **parts["queue"]},
-            ],
-        }
-        return {name: yaml_text(*filled(each, values)) for name, each in documents.items()} | {SECRET_FILE: _SECRET}
+    values = {
+        "name": description.name,
+        "namespace": NAME,
+        "queue": queue,
+        "workers": workers,
+        "secret_file": SECRET_FILE,
+        "total_cpu": str((needs.cpu or 0) * workers + (_CAMPAIGN_NEEDS.cpu or 0)),
+        "total_memory": kubernetes_memory(total_bytes),
+        "scheduler_pod": pod("scheduler", scheduler, _SCHEDULER_NEEDS, port=8786),
+        "worker_pod": pod(
+            "worker",
+            worker,
+            needs,
+            restart_policy=None if operator else "OnFailure",
+            env=literal_variables(description.env),
+            node_labels=description.node_labels,
+        ),
+        "campaign_pod": pod("campaign", command, _CAMPAIGN_NEEDS, restart_policy="Never"),
+    }
+    dask = ("operated",) if operator else ("scheduler", "service", "workers")
+    documents = {
+        "namespace.yaml": [parts["namespace"]],
+        "dask.yaml": [parts[name] for name in dask],
+        "campaign.yaml": [parts["campaign"]],
+        "kustomization.yaml": [parts["kustomization"]],
+        "queues.yaml": [
+            flavor,
+            {**cluster, "spec": {**cluster["spec"], **parts["quota"]}},
+            {**local, **parts["queue"]},
+        ],
+    }
+    return {name: yaml_text(*filled(each, values)) for name, each in documents.items()} | {SECRET_FILE: _SECRET}

@@ -94,7 +94,7 @@ def test_few_short_jobs_are_done_by_one_worker(pool):
 
 
 def test_long_jobs_get_a_worker_each(pool, tmp_path, monkeypatch):
-    monkeypatch.setattr(pool_module, "ALONE_S", 1.0)
+    monkeypatch.setattr(pool_module, "WAITS_S", 1.0)
     jobs = [
         pool.submit(meet, tmp_path, each, other, priority=Priority.EXECUTE) for each, other in (("a", "b"), ("b", "a"))
     ]
@@ -102,7 +102,7 @@ def test_long_jobs_get_a_worker_each(pool, tmp_path, monkeypatch):
 
 
 def test_pool_starts_all_workers_for_many_jobs(tmp_path, monkeypatch):
-    monkeypatch.setattr(pool_module, "ALONE_S", 1000.0)
+    monkeypatch.setattr(pool_module, "WAITS_S", 1000.0)
     pool = Pool(2)
     try:
         met = [
