@@ -3,7 +3,6 @@
 import errno
 import os
 import socket
-import subprocess
 import threading
 import time
 from pathlib import Path
@@ -187,49 +186,3 @@ def test_full_place_has_whole_artifacts_or_none(tmp_path, memory, monkeypatch, k
     assert kind != "folder" or list((store.local / "temporary").iterdir()) == []
     store.put(KEY, FILES)
     assert store.read(KEY, "b.bin") == FILES["b.bin"]
-
-
-@pytest.fixture
-def small_disk(tmp_path):
-    """A disk of 256 kB; gives a function that mounts it again, with other options."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-
-    def mount(options):
-        done = subprocess.run(
-            ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(disk)], capture_output=True, check=False
-        )
-        if done.returncode:
-            pytest.skip("no disk can be mounted here")
-        return disk
-
-    if os.name != "posix" or os.geteuid() != 0:
-        pytest.skip("no disk can be mounted here")
-    mount("size=256k")
-    yield disk, mount
-    subprocess.run(["umount", str(disk)], check=False)
-
-
-def test_full_disk_is_reported_and_recovers(small_disk):
-    disk, _ = small_disk
-    store = open_store(disk / "store")
-    kept = 0
-    with pytest.raises(StoreError, match=r"No space left on device.*make room"):
-        for kept in range(100):
-            store.put(f"execute/ab/k{kept}/0-1", {"a.bin": bytes(10_000)})
-    assert 5 < kept < 26
-    assert [store.fault(each.key) for each in store.holdings()] == [None] * kept
-    store.remove(["execute/ab/k0/0-1"])
-    store.put("execute/ab/more/0-1", {"a.bin": bytes(10_000)})
-
-
-def test_read_only_disk_is_named(small_disk):
-    disk, mount = small_disk
-    store = open_store(disk / "store")
-    store.put(KEY, FILES)
-    mount("remount,ro")
-    with pytest.raises(StoreError, match=r"Read-only file system.*--store"):
-        open_store(disk / "store")
-    with pytest.raises(StoreError, match="Read-only file system"):
-        store.put("execute/ab/other/0-5", FILES)
-    assert store.read(KEY, "a.bin") == FILES["a.bin"]
