@@ -126,7 +126,9 @@ class UnitPlugin(WorkerPlugin):
 
     def transition(self, key: Any, start: str, finish: str, **_: Any) -> None:
         """Interrupt a unit that was canceled while it ran."""
-        if start == "executing" and finish == "released":
+        # One plug-in of a worker does: a second interrupt would meet Dask's own code, and take the thread with it.
+        first = next(each for each in self._worker.plugins.values() if isinstance(each, UnitPlugin))
+        if first is self and start == "executing" and finish == "released":
             with self._worker.active_threads_lock:
                 for thread, of_thread in self._worker.active_threads.items():
                     if of_thread == key:

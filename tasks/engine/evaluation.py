@@ -78,16 +78,18 @@ def parts_of(value: object) -> Iterator[object]:
     """Yield a parameter model or any value, and all that is in it at any depth."""
     yield value
     parts: Iterable[object] = ()
-    if isinstance(value, Producer):
+    if value is None or isinstance(value, bool | int | float | str | bytes | FileContent):
+        return
+    if isinstance(value, Mapping):
+        parts = value.values()
+    elif isinstance(value, Sequence):
+        parts = value
+    elif isinstance(value, Producer):
         parts = (value.parameters,)
     elif isinstance(value, BaseModel):
         parts = (getattr(value, name) for name in type(value).model_fields)
     elif dataclasses.is_dataclass(value):
         parts = (getattr(value, field.name) for field in dataclasses.fields(value))
-    elif isinstance(value, Mapping):
-        parts = value.values()
-    elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        parts = value
     for part in parts:
         yield from parts_of(part)
 
