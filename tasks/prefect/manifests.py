@@ -95,15 +95,13 @@ def compose_file(description: RunDescription) -> dict[str, Any]:
     }
     file = filled(parts["file"], {**values, "services": services})
     # Compose takes a single dollar for a variable.
-    literal: dict[str, Any] = json.loads(json.dumps(file).replace("$", "$$"))
-    return literal
+    return dict(json.loads(json.dumps(file).replace("$", "$$")))
 
 
 def pod_template(description: RunDescription) -> dict[str, Any]:
     """Return a `PodTemplate` with a `template` for a Job."""
     values = {"name": description.name, "spec": pod_spec(description)}
-    made: dict[str, Any] = filled(template("templates/pod.yaml")["pod_template"], values)
-    return made
+    return dict(filled(template("templates/pod.yaml")["pod_template"], values))
 
 
 def pod_spec(description: RunDescription) -> dict[str, Any]:
@@ -124,8 +122,7 @@ def pod_spec(description: RunDescription) -> dict[str, Any]:
         "main": container(description.main),
         "config_volume": filled(parts["config_volume"], config),
     }
-    spec: dict[str, Any] = filled(parts["spec"], values)
-    return spec
+    return dict(filled(parts["spec"], values))
 
 
 def config_map_name(description: RunDescription) -> str:

@@ -18,10 +18,7 @@ from vastflow.tasks.prefect.manifests import template
 
 def pool_template(kind: PoolType) -> dict[str, Any]:
     """Return the base job template of a pool: variables, which a deployment may set, and the job they go into."""
-    found: dict[str, Any] = (
-        template(f"pools/{kind.value}.json") if kind is not PoolType.process else process_pool_template()
-    )
-    return found
+    return process_pool_template() if kind is PoolType.process else dict(template(f"pools/{kind.value}.json"))
 
 
 def register_pool(client: SyncPrefectClient, name: str, kind: PoolType) -> bool:
