@@ -86,16 +86,19 @@ def deploy(
         raise UserError(f"expected one of --pool, --format, and --kubernetes, got {' and '.join(given) or 'none'}")
     if operator and kubernetes is None:
         raise UserError("--operator: requires --kubernetes")
-    if format_ is not None:
-        _describe(file, format_, context, asked["map_dir"], as_v1=asked["as_v1"])
-        return
     from vastflow.flows.request.campaign_file import campaign_name, read_campaign
     from vastflow.sim.model.faults import FileError
+    from vastflow.sim.plug_ins.effects import looking_only
     from vastflow.tasks.prefect.adapter import import_prefect
-    from vastflow.tasks.prefect.deployment import CPU, Deployment, description_of
+    from vastflow.tasks.prefect.container_keys import describe
+    from vastflow.tasks.prefect.deployment import CPU, Deployment, description_of, job_variables
 
     map_dir = asked["map_dir"]
-    campaign, _ = read_campaign(file, map_dir, as_v1=asked["as_v1"])
+    with looking_only():
+        campaign, _ = read_campaign(file, map_dir, as_v1=asked["as_v1"])
+    if format_ is not None:
+        _print_containers(describe(campaign, campaign_name(campaign), context), format_)
+        return
     if campaign.unexecutable:
         raise FileError(campaign.unexecutable)
     title = campaign_name(campaign)
@@ -126,7 +129,7 @@ def deploy(
             request.cluster,
             least=campaign.sequential.min if request.runs is None and campaign.sequential is not None else None,
         ),
-        job_variables=_job_variables(kind, description, image, queue),
+        job_variables=job_variables(kind, description, image, queue),
         cron=cron,
         timezone=timezone,
     )
@@ -150,14 +153,6 @@ def _described(campaign: "Campaign", title: str, context: str | None) -> "RunDes
     return describe(replace(campaign, spec=spec), title, context)
 
 
-def _job_variables(kind: PoolType, description: "RunDescription", image: str, queue: str) -> dict[str, Any]:
-    """Return the variables of a pool's template that the options and the campaign set."""
-    from vastflow.tasks.prefect.deployment import job_variables
-
-    own: dict[str, Any] = {} if kind is PoolType.process else {"image": image}
-    return own | ({"queue": queue} if kind is PoolType.kubernetes else {}) | job_variables(kind, description)
-
-
 WORKERS: Final = 8
 """Default number of workers of a Dask cluster."""
 
@@ -173,7 +168,7 @@ def _write_cluster(
     operator: bool,
 ) -> None:
     """Write a campaign with a Dask cluster as a folder for `kubectl apply -k`."""
-    from vastflow.tasks.prefect.kustomization import SCHEDULER, SECRET_FILE, ClusterCampaign
+    from vastflow.tasks.prefect.kustomization import SCHEDULER, SECRET_FILE, cluster_files
     from vastflow.tasks.store.store import is_address
 
     store, results = asked["store"], asked["results"]
@@ -186,7 +181,7 @@ def _write_cluster(
     own = {"cluster": SCHEDULER, "results": results or f"{store.rstrip('/')}-results", "map_dir": map_dir, "workers": 1}
     request = asked_request(Path(_place(file, kind)), {**asked, **own})
     command = ["vastflow", "run", *command_line(request)]
-    made = ClusterCampaign(description, command, asked["workers"] or WORKERS, image, queue, operator).files()
+    made = cluster_files(description, command, asked["workers"] or WORKERS, image, queue, operator=operator)
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in made.items():
         if name != SECRET_FILE or not (folder / name).exists():  # credentials are the user's
@@ -278,23 +273,15 @@ def _register(deployment: "Deployment", kind: PoolType) -> None:
     print(f"run it: prefect deployment run '{campaign.name}/{deployment.name}'")
 
 
-def _describe(file: Path, format_: Format, context: str | None, map_dir: Path | None, *, as_v1: bool) -> None:
+def _print_containers(found: "RunDescription", format_: Format) -> None:
     """Print the containers of a run as YAML: image, resources, environment, files, and scripts."""
-    from vastflow.flows.request.campaign_file import campaign_name
-    from vastflow.producers.campaign import load_campaign
-    from vastflow.sim.plug_ins.effects import looking_only
-    from vastflow.tasks.prefect.container_keys import describe as described
     from vastflow.tasks.prefect.manifests import compose_file, pod_template, yaml_text
 
-    with looking_only():
-        campaign = load_campaign(file, map_dir, as_v1=as_v1)
-    found = described(campaign, campaign_name(campaign), context)
     if format_ is Format.compose:
-        print(yaml_text(compose_file(found)), end="")
-        notes = _compose_notes(found)
+        made, notes = compose_file(found), _compose_notes(found)
     else:
-        print(yaml_text(pod_template(found)), end="")
-        notes = _kubernetes_notes(found)
+        made, notes = pod_template(found), _kubernetes_notes(found)
+    print(yaml_text(made), end="")
     for note in notes:
         print(note, file=sys.stderr)
 
@@ -311,11 +298,11 @@ def _compose_notes(found: "RunDescription") -> Iterator[str]:
 
 
 def _kubernetes_notes(found: "RunDescription") -> Iterator[str]:
-    from vastflow.tasks.prefect.manifests import config_map_keys, config_map_name
+    from vastflow.tasks.prefect.manifests import config_map_items, config_map_name
 
     if not found.files:
         return
-    from_files = (f"--from-file={key}={found.folder / file}" for key, file in config_map_keys(found).items())
+    from_files = (f"--from-file={each['key']}={found.folder / each['path']}" for each in config_map_items(found))
     command = ["kubectl", "create", "configmap", config_map_name(found), *from_files]
     yield f"the pod finds the run's files in a ConfigMap; make it by: {shlex.join(command)}"
     size = sum((found.folder / file).stat().st_size for file in found.files)

@@ -265,7 +265,7 @@ def compute(task_runs: TaskRuns, shards: Sequence[Shard]) -> None:
 def _producer_shards(request: EvaluationRequest) -> list[ProducerShard]:
     evaluations, sent = request.evaluations, packed(request.producer)
     name = f"{request.family} by {type(request.producer).__name__}"
-    parts = shard_ranges([each.key.rpartition("/")[2] for each in evaluations])
+    parts = shard_ranges(len(evaluations))
     if len(parts) == 1:
         return [ProducerShard(request.family, name, sent, evaluations)]
     shards = []

@@ -27,8 +27,8 @@ from distributed.scheduler import KilledWorker
 
 from vastflow.tasks.engine import dask_worker
 from vastflow.tasks.engine.bundle import Bundle, Packer
-from vastflow.tasks.engine.dask_worker import Message, OtherCode, SharedBundle, UnitPlugin, identity, run_unit
-from vastflow.tasks.engine.executor import ClusterError, Executor, Pickled, PoolClosed, Priority, WorkerDied, end
+from vastflow.tasks.engine.dask_worker import Message, OtherCode, UnitPlugin, identity, run_unit, shared_value
+from vastflow.tasks.engine.executor import ClusterError, Executor, PoolClosed, Priority, Shared, WorkerDied, end
 from vastflow.tasks.store.store import Store, store_address
 
 LOCAL: Final = "local:"
@@ -125,9 +125,10 @@ class DaskCluster:
                 self._connect()
         return job.outcome
 
-    def shared(self, value: object) -> Pickled:
+    def shared(self, value: object) -> Shared:
         """See `Executor`; the value is in the store."""
-        return SharedBundle(self._place, self._packer.put(pickle.dumps(self._packer.packed(value))))
+        sha256 = self._packer.put(pickle.dumps(self._packer.packed(value)))
+        return functools.partial(shared_value, self._place, sha256)
 
     def prepare(self, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
         """See `Executor`; each worker makes the call when it joins, and no unit begins there before."""

@@ -10,13 +10,13 @@ import pickle
 import platform
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import distributed
+import locket
 import platformdirs
 from distributed.diagnostics.plugin import WorkerPlugin
 
@@ -57,19 +57,6 @@ class OtherCode:
     code: str
 
 
-@dataclass(frozen=True, slots=True)
-class SharedBundle:
-    """A bundle in the store, see `vastflow.tasks.engine.executor.Pickled`."""
-
-    place: str
-    sha256: str
-
-    def opened(self) -> Any:
-        """Return the value; the bundle is read once in a process."""
-        bundle, store = _shared(self.place, self.sha256)
-        return bundle.opened(store)
-
-
 @functools.lru_cache(maxsize=1)
 def own_code() -> tuple[str, SourceFiles]:
     """Return the digest of all that runs, traces, and verdicts follow from here, and its files."""
@@ -88,10 +75,14 @@ def _store(place: str) -> Store:
 
 
 @functools.lru_cache(maxsize=16)
-def _shared(place: str, sha256: str) -> tuple[Bundle, Store]:
-    store = _store(place)
-    bundle: Bundle = pickle.loads(content_of(store, sha256))
-    return bundle, store
+def _shared(place: str, sha256: str) -> Bundle:
+    bundle: Bundle = pickle.loads(content_of(_store(place), sha256))
+    return bundle
+
+
+def shared_value(place: str, sha256: str) -> Any:
+    """Return the value of a bundle in the store, which is read once in a process."""
+    return _shared(place, sha256).opened(_store(place))
 
 
 def run_unit(message: bytes) -> Any:
@@ -113,21 +104,11 @@ def _prepared(before: Bundle, place: str) -> None:
 @functools.lru_cache(maxsize=16)
 def _prepare_once(before: Bundle, place: str) -> None:
     """Make a call once in this process, and not at the same time as another process of this machine."""
-    with _machine_lock():
-        function, *arguments = before.opened(_store(place))
-        function(*arguments)
-
-
-@contextmanager
-def _machine_lock() -> Iterator[None]:
     folder = Path(platformdirs.user_cache_dir("vastflow"))
     folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / "kernels.lock", "ab") as file:
-        with suppress(ImportError):  # elsewhere two may compile the same
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+    with locket.lock_file(str(folder / "kernels.lock")):
+        function, *arguments = before.opened(_store(place))
+        function(*arguments)
 
 
 class UnitPlugin(WorkerPlugin):
@@ -145,7 +126,9 @@ class UnitPlugin(WorkerPlugin):
 
     def transition(self, key: Any, start: str, finish: str, **_: Any) -> None:
         """Interrupt a unit that was canceled while it ran."""
-        if start == "executing" and finish == "released":
+        # One plug-in of a worker does: a second interrupt would meet Dask's own code, and take the thread with it.
+        first = next(each for each in self._worker.plugins.values() if isinstance(each, UnitPlugin))
+        if first is self and start == "executing" and finish == "released":
             with self._worker.active_threads_lock:
                 for thread, of_thread in self._worker.active_threads.items():
                     if of_thread == key:

@@ -17,12 +17,12 @@ from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, parameters_
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import PackedProducer
-from vastflow.tasks.engine.executor import ClusterError, Executor, Pickled, PoolClosed, Priority, WorkerDied
+from vastflow.tasks.engine.executor import ClusterError, Executor, PoolClosed, Priority, Shared, WorkerDied
 from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index, missing
 from vastflow.tasks.engine.instantiation import Evaluation
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.units import Feeder, Unit, Units
-from vastflow.tasks.engine.work import Broken, Computed, Executed, WorkStage
+from vastflow.tasks.engine.work import Broken, Executed, WorkStage
 from vastflow.tasks.store.artifact import Block, Stored
 from vastflow.tasks.store.store import Artifact, StoreError
 
@@ -125,7 +125,7 @@ class Engine:
         self._faults: list[RunFault] = []
 
     @functools.cached_property
-    def _oracles(self) -> Pickled:
+    def _oracles(self) -> Shared:
         return self._executor.shared(self._given)
 
     @property
@@ -264,7 +264,7 @@ class Engine:
             units, told = list(begun), True
             for unit in units:
                 answer = self._answer(unit.future)
-                told = told and isinstance(answer, Computed)
+                told = told and isinstance(answer, Executed) and bool(answer.artifacts)
                 if isinstance(answer, Broken) and answer.died and unit.stop - unit.start > 1:
                     # One run may have killed the workers of all: each gets a unit of its own.
                     runs = range(unit.start, unit.stop)
@@ -274,7 +274,7 @@ class Engine:
                 elif isinstance(answer, Executed):
                     for run_index, error in answer.broken.items():
                         self._fault(configuration, [run_index], "execute", error)
-                    for stage, block, error in answer.later if isinstance(answer, Computed) else ():
+                    for stage, block, error in answer.later:
                         self._fault(configuration, range(*block), stage, error)
             if units and not told:
                 self.index.store.changed(self.index.keys.recordings(configuration.checked))
@@ -304,12 +304,11 @@ class Engine:
             return
         self._tally.execute(configuration.name, answer.simulated_s)
         self._feeder.took(configuration.family, len(answer.simulated_s), answer.took_s)
-        if isinstance(answer, Computed):
-            self.index.store.learn(answer.artifacts)
-            self._made.update(artifact.key for artifact in answer.artifacts)
-            for artifact in answer.artifacts:
-                if artifact.key.startswith("judge/"):
-                    self._tally.judge(configuration.name, *said(artifact))
+        self.index.store.learn(answer.artifacts)
+        self._made.update(artifact.key for artifact in answer.artifacts)
+        for artifact in answer.artifacts:
+            if artifact.key.startswith("judge/"):
+                self._tally.judge(configuration.name, *said(artifact))
 
     def observe(self, configurations: Sequence[ConfigurationRuns], recorded: Rows) -> StageOutcome[Rows]:
         """Observe recorded blocks; rows gain the content digest of the trace."""

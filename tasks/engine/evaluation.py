@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 import pickle
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -74,20 +74,29 @@ def content_of(value: object) -> Value:
     return content_of(to_jsonable_python(value))
 
 
+def parts_of(value: object) -> Iterator[object]:
+    """Yield a parameter model or any value, and all that is in it at any depth."""
+    yield value
+    parts: Iterable[object] = ()
+    if value is None or isinstance(value, bool | int | float | str | bytes | FileContent):
+        return
+    if isinstance(value, Mapping):
+        parts = value.values()
+    elif isinstance(value, Sequence):
+        parts = value
+    elif isinstance(value, Producer):
+        parts = (value.parameters,)
+    elif isinstance(value, BaseModel):
+        parts = (getattr(value, name) for name in type(value).model_fields)
+    elif dataclasses.is_dataclass(value):
+        parts = (getattr(value, field.name) for field in dataclasses.fields(value))
+    for part in parts:
+        yield from parts_of(part)
+
+
 def producers_in(value: object) -> Iterator[Producer[Any]]:
     """Yield every producer in a parameter model, at any depth."""
-    if isinstance(value, Producer):
-        yield value
-        yield from producers_in(value.parameters)
-    elif isinstance(value, BaseModel):
-        for name in type(value).model_fields:
-            yield from producers_in(getattr(value, name))
-    elif isinstance(value, Mapping):
-        for item in value.values():
-            yield from producers_in(item)
-    elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        for item in value:
-            yield from producers_in(item)
+    return (part for part in parts_of(value) if isinstance(part, Producer))
 
 
 def write_evaluation(results: Sequence[Fragment | Rejection]) -> bytes:
@@ -120,18 +129,7 @@ def read_evaluation(content: bytes, files: Mapping[str, str]) -> list[Fragment |
 
 def files_in(*values: object) -> dict[str, str]:
     """Return digest to path of every file in values or parameter models."""
-    return {file.digest: file.path for value in values for file in _files(content_of(value))}
-
-
-def _files(value: Value) -> Iterator[FileContent]:
-    if isinstance(value, FileContent):
-        yield value
-    elif isinstance(value, Mapping):
-        for item in value.values():
-            yield from _files(item)
-    elif isinstance(value, Sequence) and not isinstance(value, str):
-        for item in value:
-            yield from _files(item)
+    return {part.digest: part.path for part in parts_of(values) if isinstance(part, FileContent)}
 
 
 def _written(value: Value) -> Any:

@@ -1,12 +1,10 @@
 """Executors: where units of work run, in processes of this machine or on a cluster."""
 
-import pickle
 from collections.abc import Callable
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 
 class Priority(IntEnum):
@@ -18,22 +16,8 @@ class Priority(IntEnum):
     EXECUTE = 3
 
 
-class Pickled(Protocol):
-    """A value that is pickled once for all units, and opened where they run."""
-
-    def opened(self) -> Any:
-        """Return the value; raises what unpickling it raises."""
-
-
-@dataclass(frozen=True, slots=True)
-class LocalPickle:
-    """A pickled value for another process of this machine."""
-
-    content: bytes
-
-    def opened(self) -> Any:
-        """See `Pickled`."""
-        return pickle.loads(self.content)
+Shared: TypeAlias = Callable[[], Any]
+"""Returns a value that was pickled once for all units, where they run; raises what unpickling it raises."""
 
 
 class WorkerDied(RuntimeError):
@@ -74,7 +58,7 @@ class Executor(Protocol):
         The future ends with its result, its exception, `WorkerDied`, `ClusterError`, or `PoolClosed`.
         """
 
-    def shared(self, value: object) -> Pickled:
+    def shared(self, value: object) -> Shared:
         """Return a value for the arguments of many units."""
 
     def prepare(self, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":

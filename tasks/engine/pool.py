@@ -2,9 +2,10 @@
 
 One thread owns all state; calls from elsewhere are queued for it. Workers know nothing of Prefect and need no `__main__` guard
 in a user's script (loky). At most two units a worker are handed on at a time, so that a unit of higher priority overtakes those
-that wait. One worker starts with the first unit, the others once they pay.
+that wait. One worker starts with the first unit, the others where it would take long alone.
 """
 
+import functools
 import heapq
 import itertools
 import os
@@ -23,7 +24,7 @@ from typing import Any, Final
 
 import loky
 
-from vastflow.tasks.engine.executor import LocalPickle, Pickled, PoolClosed, Priority, WorkerDied, end
+from vastflow.tasks.engine.executor import PoolClosed, Priority, Shared, WorkerDied, end
 
 
 def cores() -> int:
@@ -39,8 +40,8 @@ TRIES: Final = 3
 MANY: Final = 4
 """Waiting units per worker with which all workers start at once."""
 
-FIRST_ANSWER_S: Final = 20.0
-"""Time without an answer of the first worker after which the others start."""
+WAITS_S: Final = 10.0
+"""Time that a unit waits for the first worker before the others start; two or three starts of a worker take as long."""
 
 _IN_FLIGHT_PER_WORKER: Final = 2
 _WATCH_S: Final = 0.5
@@ -61,7 +62,7 @@ class _Unit:
     arguments: tuple[Any, ...] = field(compare=False)
     outcome: "Future[Any]" = field(default_factory=Future, compare=False)
     tries: int = field(default=0, compare=False)
-    began_s: float = field(default=0.0, compare=False)
+    queued_s: float = field(default_factory=time.monotonic, compare=False)
 
 
 class _Lane:
@@ -106,7 +107,6 @@ class Pool:
         self._waiting: list[_Unit] = []
         self._suspects: list[_Unit] = []
         self._open: dict[int, _Unit] = {}
-        self._pace = _Pace()
         self._timer: threading.Timer | None = None
         # A process inherits the mask of the thread that starts it: Ctrl-C can't hit a worker that is only starting.
         block = getattr(signal, "pthread_sigmask", lambda *_: None)
@@ -119,9 +119,9 @@ class Pool:
             end(unit.outcome, PoolClosed())
         return unit.outcome
 
-    def shared(self, value: object) -> Pickled:
+    def shared(self, value: object) -> Shared:
         """See `Executor`."""
-        return LocalPickle(pickle.dumps(value))
+        return functools.partial(pickle.loads, pickle.dumps(value))
 
     def prepare(self, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
         """See `Executor`; in one worker, as two at once would do the same."""
@@ -158,14 +158,14 @@ class Pool:
             self._hand_on()
 
     def _hand_on(self) -> None:
-        """Hand units on while workers are idle or may have one more wait, and start more workers where they pay."""
+        """Hand units on while workers are idle or may have one more wait, and start workers."""
         while self._waiting:
             if self._waiting[0].outcome.cancelled():
                 del self._open[heapq.heappop(self._waiting).number]
                 continue
             grown = len(self._lanes) == min(self.workers, 2)
             lane = next((each for each in self._lanes if each.in_flight < each.workers), None)
-            if lane is None and not grown and (not self._lanes or self._more_pay()):
+            if lane is None and not grown and (not self._lanes or self._is_much()):
                 lane = _Lane(self.workers - 1 if self._lanes else 1, self._log)
                 self._lanes.append(lane)
             if lane is None and grown:
@@ -174,19 +174,25 @@ class Pool:
             if lane is None:
                 break
             self._start(heapq.heappop(self._waiting), lane)
+        if self._waiting and self._timer is None and len(self._lanes) < min(self.workers, 2):
+            self._timer = threading.Timer(WAITS_S, self._own, (self._look_again,))
+            self._timer.daemon = True
+            self._timer.start()
         if self._suspects:
             self._solo = self._solo or _Lane(1, self._log)
             if not self._solo.in_flight:
                 self._start(self._suspects.pop(0), self._solo)
 
-    def _more_pay(self) -> bool:
-        if len(self._waiting) >= MANY * self.workers or self._pace.pays(len(self._waiting)):
-            return True
-        began_s = min((unit.began_s for unit in self._open.values() if unit.began_s), default=time.monotonic())
-        return time.monotonic() - began_s >= FIRST_ANSWER_S
+    def _is_much(self) -> bool:
+        """True if the units that wait are many, or one waits long."""
+        longest_s = time.monotonic() - min(unit.queued_s for unit in self._waiting)
+        return len(self._waiting) >= MANY * self.workers or longest_s >= WAITS_S
+
+    def _look_again(self) -> None:
+        self._timer = None
+        self._hand_on()
 
     def _start(self, unit: _Unit, lane: _Lane) -> None:
-        unit.began_s = time.monotonic()
         lane.in_flight += 1
         try:
             future = lane.submit(unit)
@@ -196,21 +202,8 @@ class Pool:
             return
         executor = lane.executor
         future.add_done_callback(lambda done: self._own(self._landed, unit, lane, executor, done))
-        if self._timer is None:
-            self._watch()
-
-    def _watch(self) -> None:
-        """Let the other workers start where a unit lasts."""
-        self._hand_on()
-        if self._open and len(self._lanes) < min(self.workers, 2):
-            self._timer = threading.Timer(FIRST_ANSWER_S, self._own, (self._watch,))
-            self._timer.daemon = True
-            self._timer.start()
-        else:
-            self._timer = None
 
     def _landed(self, unit: _Unit, lane: _Lane, executor: Any, done: "Future[Any]") -> None:
-        self._pace.answered(time.monotonic() - unit.began_s)
         lane.in_flight -= 1
         error = done.exception()
         if not isinstance(error, BrokenProcessPool):
@@ -237,36 +230,12 @@ class Pool:
             for lane in self._lanes:
                 lane.executor.shutdown(wait=True, kill_workers=True)
             self._lanes.clear()
-            self._pace, self._timer = _Pace(), None
 
     def _end(self) -> None:
         for lane in filter(None, (*self._lanes, self._solo)):
             lane.executor.shutdown(wait=True, kill_workers=True)
         for unit in self._open.values():
             end(unit.outcome, PoolClosed())
-
-
-class _Pace:
-    """Time of the first worker's start with its first unit, and of its units since."""
-
-    def __init__(self) -> None:
-        self._start_s: float | None = None
-        self._busy_s = 0.0
-        self._answers = 0
-
-    def answered(self, took_s: float) -> None:
-        """Count a unit."""
-        if self._start_s is None:
-            self._start_s = took_s
-            return
-        self._busy_s += took_s
-        self._answers += 1
-
-    def pays(self, waiting: int) -> bool:
-        """True if the units take one worker longer than a second worker takes to start."""
-        if self._start_s is None or not self._answers:
-            return False
-        return waiting * self._busy_s / self._answers > self._start_s
 
 
 def _begin(parent: int, log: Path | None) -> None:

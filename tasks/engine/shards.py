@@ -48,49 +48,13 @@ class ProducerShard:
         return self.name
 
 
-def shard_ranges(digests: Sequence[str], most: int = MOST_TASK_RUNS) -> list[range]:
-    """Cut configurations into shards at places chosen by content, so that an insertion moves one cut.
-
-    A campaign of up to `most` configurations has one a shard. In a larger one a shard has about `unit` configurations,
-    the smallest power of two with which about that many shards suffice, so that the cuts depend on the number of
-    configurations only when it crosses a boundary.
-
-    Args:
-        digests: Hexadecimal digest of each configuration, in order.
-        most: Shards that are aimed at.
-
-    Returns:
-        Positions of each shard's configurations, in order; each position once.
-    """
-    if most == 1 and digests:
-        return [range(len(digests))]
-    unit = 1
-    while len(digests) > most * unit:
-        unit *= 2
-    if unit == 1:
-        return [range(i, i + 1) for i in range(len(digests))]
-    least, largest = unit // 2, 3 * unit
-    cuts, begin = [], 0
-    for i, configuration in enumerate(digests):
-        size = i + 1 - begin
-        if (size >= least and int(configuration[:8], 16) % (least + 1) == 0) or size >= largest:
-            cuts.append(range(begin, i + 1))
-            begin = i + 1
-    return [*cuts, range(begin, len(digests))] if begin < len(digests) else cuts
+def shard_ranges(count: int) -> list[range]:
+    """Return consecutive ranges of about equal size, at most `MOST_TASK_RUNS`, that have `count` positions together."""
+    size = max(-(-count // MOST_TASK_RUNS), 1)
+    return [range(start, min(start + size, count)) for start in range(0, count, size)]
 
 
-def missing_shards(
-    configurations: Sequence[ConfigurationRuns], incomplete: Container[str], most: int = MOST_TASK_RUNS
-) -> list[Shard]:
-    """Return the shards with something missing; an edit of one configuration moves one cut.
-
-    Args:
-        incomplete: Names of configurations of which something is missing.
-        most: Number of shards that is aimed at.
-    """
-    parts = shard_ranges([configuration.scenario.digest for configuration in configurations], most)
-    return [
-        Shard([configurations[i] for i in part])
-        for part in parts
-        if any(configurations[i].name in incomplete for i in part)
-    ]
+def missing_shards(configurations: Sequence[ConfigurationRuns], incomplete: Container[str]) -> list[Shard]:
+    """Return shards of the configurations whose names are among the `incomplete` ones."""
+    chosen = [configuration for configuration in configurations if configuration.name in incomplete]
+    return [Shard(chosen[part.start : part.stop]) for part in shard_ranges(len(chosen))]

@@ -22,7 +22,7 @@ from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.tasks.engine.evaluation import FRAGMENTS, PackedProducer, write_evaluation
-from vastflow.tasks.engine.executor import Pickled
+from vastflow.tasks.engine.executor import Shared
 from vastflow.tasks.engine.index import run_blocks
 from vastflow.tasks.engine.machine_check import check_temporary
 from vastflow.tasks.engine.process import few_collections
@@ -67,22 +67,13 @@ class Executed:
         simulated_s: Run index to simulated time of the stored runs.
         broken: Run index to the cause of the others.
         took_s: Wall time.
+        artifacts: Recordings, traces, and verdicts that are stored now; empty if it was only executed.
+        later: Stage, start and stop, and cause where recorded runs have no verdict.
     """
 
     simulated_s: Mapping[int, float]
     broken: Mapping[int, Broken]
     took_s: float = field(default=0.0, compare=False)
-
-
-@dataclass(frozen=True, slots=True)
-class Computed(Executed):
-    """The outcome of a block that went through all stages.
-
-    Attributes:
-        artifacts: Recordings, traces, and verdicts that are stored now.
-        later: Stage, start and stop, and cause where recorded runs have no verdict.
-    """
-
     artifacts: tuple[Artifact, ...] = ()
     later: tuple[tuple[WorkStage, tuple[int, int], Broken], ...] = ()
 
@@ -183,8 +174,8 @@ def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, s
 
 
 def compute(
-    store: Store, keys: Keys, checked: str, scenario: Scenario, start: int, stop: int, oracles: Pickled
-) -> Computed:
+    store: Store, keys: Keys, checked: str, scenario: Scenario, start: int, stop: int, oracles: Shared
+) -> Executed:
     """Execute, observe, and judge runs `start` to `stop` - 1 of a scenario with the stages' arguments.
 
     Args:
@@ -215,7 +206,7 @@ def compute(
             artifacts += [verdicts] if verdicts else []
         if isinstance(error, Broken):
             later.append((stage, block, error))
-    return Computed(executed.simulated_s, executed.broken, time.monotonic() - began_s, tuple(artifacts), tuple(later))
+    return Executed(executed.simulated_s, executed.broken, time.monotonic() - began_s, tuple(artifacts), tuple(later))
 
 
 def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> None:
@@ -225,7 +216,7 @@ def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> N
     store.put(key, {TRACES: observe_block(scenario, store.read(recording_key, RECORDINGS))})
 
 
-def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: Pickled) -> None:
+def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: Shared) -> None:
     """Judge one block and store the verdicts, with the judgement of each run and the causes of failures.
 
     Args:
@@ -237,7 +228,7 @@ def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: 
     recordings, traces = store.read(recording_key, RECORDINGS), store.read(trace_key, TRACES)
     recorded = store.find(recording_key)
     outputs = store.load(recorded, OUTPUTS) if recorded is not None and OUTPUTS in recorded.files else None
-    judged = judge_block(scenario, recordings, traces, oracles.opened(), outputs)
+    judged = judge_block(scenario, recordings, traces, oracles(), outputs)
     said: dict[int, list[Any]] = {}
     for verdict in judged.verdicts:
         said.setdefault(verdict.run_index, []).append(verdict.judgement)

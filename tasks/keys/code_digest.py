@@ -17,19 +17,11 @@ _UNSEEN = frozenset({"kind", "type_comment", "type_ignores"})
 """Fields of a syntax tree that change nothing: `u` before a string, and comments about types."""
 
 
-def code_digest(text: str) -> str:
+def tree_digest(tree: ast.AST) -> str:
     """SHA-256 of the syntax tree of Python source, without positions and statements that are only a string.
 
     The tree's own form, unlike `ast.dump`, is the same on every minor version of Python that parses the same nodes.
-
-    Raises:
-        SyntaxError: it is no Python.
     """
-    return tree_digest(ast.parse(text))
-
-
-def tree_digest(tree: ast.AST) -> str:
-    """SHA-256 of a syntax tree, see `code_digest`."""
     hashed = hashlib.sha256()
     for token in _tokens(tree):
         hashed.update(token)

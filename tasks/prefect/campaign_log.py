@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from datetime import datetime
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Any, Final
 
 from vastflow.tasks.prefect.adapter import console_handlers, import_prefect
 from vastflow.tasks.prefect.server import redacted
@@ -112,12 +112,7 @@ def hush() -> None:
 
 
 def _logged_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any, **__: Any
 ) -> None:
     logging.getLogger(WARNINGS).warning("%s", warnings.formatwarning(message, category, filename, lineno))
 

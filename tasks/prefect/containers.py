@@ -1,45 +1,14 @@
-"""Containers of a run: their commands, their memory, and their variables, whatever the container engine."""
+"""Containers of a run: their resources and their variables, whatever the container engine."""
 
 import math
 import re
-import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import Final
 
 from vastflow.sim.model.faults import complaint
-
-BASH = "/bin/bash"
-"""Scripts to be sourced, such as ROS's `setup.bash`, are written for it."""
-
-
-def wrapped(command: Sequence[str], pre_command: str | None, post_command: str | None) -> tuple[str, ...]:
-    """Return `command` with `pre_command` sourced before and `post_command` run after it; paths in the container.
-
-    The exit code is the command's, or that of a failed `pre_command`. SIGTERM reaches the command.
-    """
-    if not command:
-        raise ValueError("the command of an image is not known outside of it and can't be wrapped")
-    if pre_command is None and post_command is None:
-        return tuple(command)
-    lines = [] if pre_command is None else [f". {shlex.quote(pre_command)} || exit"]
-    if post_command is None:
-        lines.append(f"exec {shlex.join(command)}")
-    else:
-        lines += [
-            "trap 'kill -TERM $!' TERM",
-            f"{shlex.join(command)} &",
-            "wait $!",
-            "status=$?",
-            # A signal ends `wait`, not the command.
-            "while kill -0 $! 2>/dev/null; do wait $!; status=$?; done",
-            shlex.quote(post_command),
-            "exit $status",
-        ]
-    return BASH, "-c", "\n".join(lines)
-
 
 SUFFIXES: Final[Mapping[str, int]] = {
     "": 1,
@@ -94,16 +63,10 @@ OUT: Final = "/vastflow/out"
 """Shared folder of output that is kept."""
 
 MAX_LABEL: Final = 63
-LABEL: Final = re.compile(r"[a-z0-9]([a-z0-9-]*[a-z0-9])?")
-
-
-def is_label(text: str) -> bool:
-    """True if `text` is a DNS label of RFC 1123, as names of containers have to be."""
-    return len(text) <= MAX_LABEL and LABEL.fullmatch(text) is not None
 
 
 def label_of(text: str) -> str:
-    """Return the nearest DNS label; empty without letters and digits."""
+    """Return the nearest DNS label (RFC 1123), as containers need; empty without letters and digits."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:MAX_LABEL].rstrip("-")
 
 
@@ -121,23 +84,20 @@ class Needs:
     memory_bytes: int | None = None
     gpu: int = 0
 
+    @property
+    def quantities(self) -> dict[str, str]:
+        """The needed `cpu`, `memory`, and `gpu` as quantities of Kubernetes."""
+        memory = self.memory_bytes and kubernetes_memory(self.memory_bytes)
+        amounts = {"cpu": self.cpu, "memory": memory, "gpu": self.gpu}
+        return {name: str(amount) for name, amount in amounts.items() if amount}
+
 
 @dataclass(frozen=True, slots=True)
 class Container:
-    """A container of the run.
-
-    Attributes:
-        name: A DNS label.
-        command: Program and arguments in place of the image's entry point; empty for the image's own.
-    """
+    """A container of the run, which runs its image's own command; its name is a DNS label."""
 
     name: str
     needs: Needs = Needs()
-    command: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        if not is_label(self.name):
-            raise ValueError(f"expected at most {MAX_LABEL} lowercase letters, digits and hyphens, got {self.name!r}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +111,7 @@ class RunDescription:
         env: Variables of all containers.
         folder: Base of the paths in `files`.
         files: Files that the containers find below `/config`.
-        pre_command, post_command: Scripts in the main container, sourced before and run after its command.
+        pre_command, post_command: Scripts in the main container, sourced before and run after its command by the image.
         user: User id in the containers.
         deadline_s: Seconds of the host after which everything is stopped; None for never.
         node_labels: Labels that a cluster's node must have.
@@ -170,27 +130,14 @@ class RunDescription:
     deadline_s: int | None = None
     node_labels: Mapping[str, str] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        if not is_label(self.name):
-            raise ValueError(f"expected at most {MAX_LABEL} lowercase letters, digits and hyphens, got {self.name!r}")
-        names = [self.main.name, *(sidecar.name for sidecar in self.sidecars)]
-        if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(f"expected a name of its own for each, got two containers {twice[0]!r}")
-
-    def command_of(self, container: Container) -> tuple[str, ...]:
-        """Return the container's command with scripts before and after it; empty for the image's own."""
-        if container.name != self.main.name or not container.command:
-            return container.command
-        return wrapped(container.command, self.pre_command, self.post_command)
-
     def environment_of(self, container: Container) -> dict[str, str]:
-        """Return the container's variables; the image's own command gets its scripts by variables."""
+        """Return the container's variables, which name the scripts to the main one."""
         own = {
             "CAMPAIGN_ID": self.name,
             "CONTAINER_NAME": container.name,
             "ROS_LOG_DIR": f"{OUT}/logs/{container.name}",
         }
-        if container.name == self.main.name and not container.command:
-            scripts = {"PRE_COMMAND": self.pre_command, "POST_COMMAND": self.post_command}
+        scripts = {"PRE_COMMAND": self.pre_command, "POST_COMMAND": self.post_command}
+        if container.name == self.main.name:
             own.update({name: path for name, path in scripts.items() if path is not None})
         return {**self.env, **own}

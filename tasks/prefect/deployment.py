@@ -1,4 +1,4 @@
-"""Deployments and work pools of Prefect: entries of `prefect.yaml`, base job templates, and a campaign's values for them.
+"""Deployments of Prefect: entries of `prefect.yaml`, and a campaign's values for the templates of work pools.
 
 A flow run that a worker starts runs the whole campaign in one container of vastflow's own image. Containers that the campaign
 file asks for are its sidecars.
@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Final
 
-from vastflow.tasks.prefect.containers import RunDescription, compose_memory, kubernetes_memory, label_of
-from vastflow.tasks.prefect.manifests import config_map_keys, config_map_name, pod_spec, template
+from vastflow.tasks.prefect.containers import RunDescription, compose_memory, label_of
+from vastflow.tasks.prefect.manifests import config_map_items, config_map_name, pod_spec
 
 FLOW: Final = "campaign"
 ENTRYPOINT: Final = "vastflow.flows.campaign.campaign"
@@ -103,9 +103,6 @@ class PoolType(StrEnum):
     kubernetes = "kubernetes"
 
 
-CONTAINER_POOLS: Final = (PoolType.docker, PoolType.kubernetes)
-"""Pools with our own base job template."""
-
 NAME: Final = "vastflow"
 """Default name of namespace, queue, secret, and volume."""
 IMAGE: Final = "vastflow:latest"
@@ -115,39 +112,25 @@ CPU: Final = 2
 """Cores that are requested for a campaign whose file says nothing."""
 
 
-def base_job_template(kind: PoolType) -> dict[str, Any]:
-    """Return a pool's template: variables, which a deployment may set, and the job they go into.
-
-    Raises:
-        ValueError: a process pool; Prefect's own template is right for it.
-    """
-    if kind not in CONTAINER_POOLS:
-        raise ValueError(
-            f"expected a Docker or Kubernetes pool, got {kind.value!r}; Prefect has the template of a process pool"
-        )
-    shipped: dict[str, Any] = template(f"pools/{kind.value}.json")
-    return shipped
-
-
-def job_variables(kind: PoolType, description: RunDescription) -> dict[str, Any]:
-    """Return a campaign's values for its pool's template; the image is only for sidecars."""
+def job_variables(kind: PoolType, description: RunDescription, image: str, queue: str) -> dict[str, Any]:
+    """Return a campaign's values for its pool's template; the description's own image is for sidecars."""
     needs = description.main.needs
-    if kind is PoolType.docker:
-        return {} if needs.memory_bytes is None else {"mem_limit": compose_memory(needs.memory_bytes)}
     if kind is PoolType.process:
         return {}
-    items = [{"key": key, "path": file} for key, file in config_map_keys(description).items()]
+    if kind is PoolType.docker:
+        limit = {} if needs.memory_bytes is None else {"mem_limit": compose_memory(needs.memory_bytes)}
+        return {"image": image, **limit}
     sidecars = pod_spec(description).get("initContainers", [])
     found = {
-        "cpu": None if needs.cpu is None else str(needs.cpu),
-        "memory": None if needs.memory_bytes is None else kubernetes_memory(needs.memory_bytes),
-        "gpu": str(needs.gpu) if needs.gpu else None,
-        "node_selector": dict(description.node_labels) or None,
-        "files": config_map_name(description) if items else None,
-        "file_items": items or None,
-        "sidecars": [_sidecar(container, description.user) for container in sidecars] or None,
+        "image": image,
+        "queue": queue,
+        **needs.quantities,
+        "node_selector": dict(description.node_labels),
+        "files": config_map_name(description) if description.files else "",
+        "file_items": config_map_items(description),
+        "sidecars": [_sidecar(container, description.user) for container in sidecars],
     }
-    return {name: value for name, value in found.items() if value is not None}
+    return {name: value for name, value in found.items() if value}
 
 
 def _sidecar(container: dict[str, Any], user: int) -> dict[str, Any]:

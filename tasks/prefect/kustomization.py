@@ -1,12 +1,11 @@
 """A campaign on a Dask cluster of its own, as a folder for `kubectl apply -k`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 from vastflow.tasks.prefect.containers import Needs, RunDescription, kubernetes_memory
 from vastflow.tasks.prefect.deployment import NAME
-from vastflow.tasks.prefect.manifests import filled, template, yaml_documents
+from vastflow.tasks.prefect.manifests import filled, literal_variables, template, yaml_text
 
 SCHEDULER: Final = "tcp://dask-scheduler:8786"
 """Address of the scheduler inside of the namespace."""
@@ -24,11 +23,18 @@ _CAMPAIGN_NEEDS: Final = Needs(1, 4 * _GIB)
 _WORKER_NEEDS: Final = Needs(1, 2 * _GIB)
 
 
-@dataclass(frozen=True, slots=True)
-class ClusterCampaign:
-    """A campaign with the Dask cluster that computes it.
+def cluster_files(
+    description: RunDescription,
+    command: Sequence[str],
+    workers: int,
+    image: str,
+    queue: str = NAME,
+    *,
+    operator: bool = False,
+) -> Mapping[str, str]:
+    """Return content of the folder's files by name; `queues.yaml` is for Kueue, and `kubectl apply -k` leaves it out.
 
-    Attributes:
+    Args:
         description: Its resources, variables, and node labels are those of a worker.
         command: Command line of the campaign's Job, which drives the workers at `SCHEDULER`.
         workers: Number of workers, of one thread each.
@@ -36,74 +42,48 @@ class ClusterCampaign:
         queue: LocalQueue of Kueue; without Kueue the label has no effect.
         operator: Leave scheduler and workers to the Dask operator.
     """
+    parts = template("templates/cluster.yaml")
+    flavor, cluster, local = template("kueue/queues.yaml")
+    place = ["--name", "$(DASK_WORKER_NAME)"] if operator else [SCHEDULER]
+    worker = ["dask", "worker", *place, "--nthreads", "1", "--memory-limit", "0", "--no-dashboard"]
+    scheduler = ["dask", "scheduler", "--port", "8786", "--no-dashboard"]
+    needs = description.main.needs
+    needs = Needs(needs.cpu or _WORKER_NEEDS.cpu, needs.memory_bytes or _WORKER_NEEDS.memory_bytes, needs.gpu)
+    total_bytes = (needs.memory_bytes or 0) * workers + (_CAMPAIGN_NEEDS.memory_bytes or 0)
 
-    description: RunDescription
-    command: Sequence[str]
-    workers: int
-    image: str
-    queue: str = NAME
-    operator: bool = False
+    def pod(name: str, args: Sequence[str], needs: Needs, **own: Any) -> Any:
+        values = {"name": name, "args": args, "image": image, "secret": NAME, **needs.quantities}
+        return filled(parts["pod"], {**values, **own})
 
-    def files(self) -> Mapping[str, str]:
-        """Content of the folder's files by name; `queues.yaml` is for Kueue, and `kubectl apply -k` leaves it out."""
-        parts = template("templates/cluster.yaml")
-        flavor, cluster, local = template("kueue/queues.yaml")
-        documents = {
-            "namespace.yaml": [parts["namespace"]],
-            "dask.yaml": [
-                parts[name] for name in (("operated",) if self.operator else ("scheduler", "service", "workers"))
-            ],
-            "campaign.yaml": [parts["campaign"]],
-            "kustomization.yaml": [parts["kustomization"]],
-            "queues.yaml": [
-                flavor,
-                {**cluster, "spec": {**cluster["spec"], **parts["quota"]}},
-                {**local, **parts["queue"]},
-            ],
-        }
-        place = ["--name", "$(DASK_WORKER_NAME)"] if self.operator else [SCHEDULER]
-        worker = ["dask", "worker", *place, "--nthreads", "1", "--memory-limit", "0"]
-        scheduler = ["dask", "scheduler", "--port", "8786"]
-        needs = self._worker_needs
-        total = (needs.memory_bytes or 0) * self.workers + (_CAMPAIGN_NEEDS.memory_bytes or 0)
-        values = {
-            "name": self.description.name,
-            "namespace": NAME,
-            "queue": self.queue,
-            "workers": self.workers,
-            "resources": ["namespace.yaml", "dask.yaml", "campaign.yaml"],
-            "secret_file": SECRET_FILE,
-            "total_cpu": str((needs.cpu or 0) * self.workers + (_CAMPAIGN_NEEDS.cpu or 0)),
-            "total_memory": kubernetes_memory(total),
-            "scheduler_pod": self._pod("scheduler", [*scheduler, "--no-dashboard"], _SCHEDULER_NEEDS, port=8786),
-            "worker_pod": self._pod(
-                "worker", [*worker, "--no-dashboard"], needs, None if self.operator else "OnFailure"
-            ),
-            "campaign_pod": self._pod("campaign", self.command, _CAMPAIGN_NEEDS, "Never"),
-        }
-        return {name: yaml_documents(filled(each, values)) for name, each in documents.items()} | {SECRET_FILE: _SECRET}
-
-    @property
-    def _worker_needs(self) -> Needs:
-        needs = self.description.main.needs
-        return Needs(needs.cpu or _WORKER_NEEDS.cpu, needs.memory_bytes or _WORKER_NEEDS.memory_bytes, needs.gpu)
-
-    def _pod(
-        self, name: str, args: Sequence[str], needs: Needs, restarts: str | None = None, port: int | None = None
-    ) -> Any:
-        is_worker = name == "worker"
-        env = self.description.env if is_worker else {}
-        values = {
-            "name": name,
-            "args": list(args),
-            "restart_policy": restarts,
-            "ports": None if port is None else [{"name": "tcp-comm", "containerPort": port}],
-            "env": [{"name": key, "value": value.replace("$", "$$")} for key, value in env.items()] or None,
-            "node_labels": dict(self.description.node_labels) or None if is_worker else None,
-            "image": self.image,
-            "secret": NAME,
-            "cpu": str(needs.cpu),
-            "memory": kubernetes_memory(needs.memory_bytes or 0),
-            "gpu": str(needs.gpu) if needs.gpu else None,
-        }
-        return filled(template("templates/cluster.yaml")["pod"], values)
+    values = {
+        "name": description.name,
+        "namespace": NAME,
+        "queue": queue,
+        "workers": workers,
+        "secret_file": SECRET_FILE,
+        "total_cpu": str((needs.cpu or 0) * workers + (_CAMPAIGN_NEEDS.cpu or 0)),
+        "total_memory": kubernetes_memory(total_bytes),
+        "scheduler_pod": pod("scheduler", scheduler, _SCHEDULER_NEEDS, port=8786),
+        "worker_pod": pod(
+            "worker",
+            worker,
+            needs,
+            restart_policy=None if operator else "OnFailure",
+            env=literal_variables(description.env),
+            node_labels=description.node_labels,
+        ),
+        "campaign_pod": pod("campaign", command, _CAMPAIGN_NEEDS, restart_policy="Never"),
+    }
+    dask = ("operated",) if operator else ("scheduler", "service", "workers")
+    documents = {
+        "namespace.yaml": [parts["namespace"]],
+        "dask.yaml": [parts[name] for name in dask],
+        "campaign.yaml": [parts["campaign"]],
+        "kustomization.yaml": [parts["kustomization"]],
+        "queues.yaml": [
+            flavor,
+            {**cluster, "spec": {**cluster["spec"], **parts["quota"]}},
+            {**local, **parts["queue"]},
+        ],
+    }
+    return {name: yaml_text(*filled(each, values)) for name, each in documents.items()} | {SECRET_FILE: _SECRET}

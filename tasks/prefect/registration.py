@@ -6,18 +6,19 @@ from typing import Any
 from prefect import Flow
 from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.actions import DeploymentScheduleCreate, WorkPoolCreate, WorkPoolUpdate
-from prefect.client.schemas.objects import ConcurrencyLimitStrategy, ConcurrencyOptions
+from prefect.client.schemas.objects import ConcurrencyOptions
 from prefect.client.schemas.schedules import CronSchedule
 from prefect.exceptions import ObjectNotFound
 
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.prefect.adapter import flow_schema, process_pool_template
-from vastflow.tasks.prefect.deployment import PoolType, base_job_template
+from vastflow.tasks.prefect.deployment import PoolType
+from vastflow.tasks.prefect.manifests import template
 
 
 def pool_template(kind: PoolType) -> dict[str, Any]:
-    """Return the base job template of a pool."""
-    return process_pool_template() if kind is PoolType.process else base_job_template(kind)
+    """Return the base job template of a pool: variables, which a deployment may set, and the job they go into."""
+    return process_pool_template() if kind is PoolType.process else dict(template(f"pools/{kind.value}.json"))
 
 
 def register_pool(client: SyncPrefectClient, name: str, kind: PoolType) -> bool:
@@ -49,28 +50,19 @@ def register_flow(client: SyncPrefectClient, entry: Mapping[str, Any], flow: Flo
     Args:
         entry: As `prefect.yaml` has it.
     """
-    limit = entry["concurrency_limit"]
+    alike = ("name", "description", "tags", "entrypoint", "parameters", "enforce_parameter_schema")
+    limit, pool = entry["concurrency_limit"], entry["work_pool"]
     return str(
         client.create_deployment(
             flow_id=client.create_flow_from_name(flow.name),
-            name=entry["name"],
-            description=entry["description"],
-            tags=entry["tags"],
-            entrypoint=entry["entrypoint"],
-            parameters=entry["parameters"],
+            **{name: entry[name] for name in alike},
             parameter_openapi_schema=flow_schema(flow),
-            enforce_parameter_schema=entry["enforce_parameter_schema"],
             concurrency_limit=limit["limit"],
-            concurrency_options=ConcurrencyOptions(
-                collision_strategy=ConcurrencyLimitStrategy(limit["collision_strategy"])
-            ),
-            schedules=[
-                DeploymentScheduleCreate(schedule=CronSchedule(cron=each["cron"], timezone=each["timezone"]))
-                for each in entry["schedules"]
-            ],
+            concurrency_options=ConcurrencyOptions(collision_strategy=limit["collision_strategy"]),
+            schedules=[DeploymentScheduleCreate(schedule=CronSchedule(**each)) for each in entry["schedules"]],
             pull_steps=entry["pull"],
-            work_pool_name=entry["work_pool"]["name"],
-            job_variables=entry["work_pool"]["job_variables"],
+            work_pool_name=pool["name"],
+            job_variables=pool["job_variables"],
         )
     )
 

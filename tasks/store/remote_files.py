@@ -111,11 +111,8 @@ class RemoteFiles:
 
     def delete(self, keys: list[str]) -> None:
         """The manifests first."""
-        if len(keys) > _LISTINGS:
-            folders = _folders(self._listed(""))
-            files = [f"{key}/{name}" for key in keys for name in folders.get(key, ())]
-        else:
-            files = [f"{key}/{name}" for key in keys for name in self._listed(key)]
+        folders = _folders(self._listed("")) if len(keys) > _LISTINGS else {key: self._listed(key) for key in keys}
+        files = [f"{key}/{name}" for key in keys for name in folders.get(key, ())]
         for is_manifest in (True, False):
             if chosen := [self._path(file) for file in files if file.endswith(f"/{MANIFEST}") is is_manifest]:
                 with contextlib.suppress(FileNotFoundError):  # another process was first

@@ -18,8 +18,9 @@ from vastflow.flows.cli import deploy as deploy_command
 from vastflow.flows.cli.deploy import MOST_IN_A_CONFIG_MAP, NO_API
 from vastflow.producers.campaign_file.spec import ExecutionSpec
 from vastflow.tasks.prefect import retry
-from vastflow.tasks.prefect.deployment import PoolType, base_job_template
-from vastflow.tasks.prefect.manifests import compose_file, config_map_keys, pod_template
+from vastflow.tasks.prefect.deployment import PoolType
+from vastflow.tasks.prefect.manifests import compose_file, config_map_items, pod_template
+from vastflow.tasks.prefect.registration import pool_template
 
 PAGE = (Path(__file__).parents[2] / "docs" / "describe-the-execution.md").read_text()
 IMAGE = "  image: ghcr.io/me/robot:1.0\n"
@@ -75,7 +76,7 @@ def test_deployment_to_cluster_has_resources_of_file_and_paths_of_image(file):
     assert deployment.work_pool.job_variables == {**own, "cpu": "3", "memory": "6Gi"}
     request = {"campaign": "rooms.vast", "results": "/data/results", "workers": 3}
     assert deployment.parameters["request"] == request
-    assert pool["base_job_template"] == base_job_template(PoolType.kubernetes)
+    assert pool["base_job_template"] == pool_template(PoolType.kubernetes)
 
 
 def test_deploy_names_new_option_instead_of_retired_one(file):
@@ -163,8 +164,8 @@ def test_format_kubernetes_prints_template_and_config_map_command(described, cam
     (note,) = result.stderr.splitlines()
     command = shlex.split(note.partition("make it by: ")[2])
     assert command[:4] == ["kubectl", "create", "configmap", "two-rooms-files"]
-    keys = config_map_keys(description)
-    assert command[4:] == [f"--from-file={key}={tmp_path / name}" for key, name in keys.items()]
+    items = config_map_items(description)
+    assert command[4:] == [f"--from-file={each['key']}={tmp_path / each['path']}" for each in items]
     result = called("deploy", file, "--format", "kubernetes", "--context", "cloud")
     (main,) = yaml.safe_load(result.stdout)["template"]["spec"]["containers"]
     assert main["resources"]["requests"] == {"cpu": "16", "memory": "1500000000"}

@@ -14,13 +14,14 @@ from prefect.settings import Settings
 from prefect.workers.base import BaseJobConfiguration
 from pydantic import Field
 
-from vastflow.tasks.prefect.deployment import DATA, PoolType, base_job_template, job_variables
+from vastflow.tasks.prefect.deployment import DATA, IMAGE, NAME, PoolType, job_variables
+from vastflow.tasks.prefect.registration import pool_template
 
 QUEUE_LABEL = "kueue.x-k8s.io/queue-name"
 IMAGE_USER = 1000
 LOOKED_FOR = "prefect-job"
 """The container in which Prefect's worker looks for the flow run."""
-_ENV = base_job_template(PoolType.kubernetes)["job_configuration"]["env"]
+_ENV = pool_template(PoolType.kubernetes)["job_configuration"]["env"]
 OF_THE_WORKER = tuple(name for name, value in _ENV.items() if value is None)
 """Settings that a job template gives no value: a worker hands all of its own on, and its addresses, paths and secrets mean nothing in a
 container, or too much."""
@@ -44,7 +45,7 @@ class Configuration(BaseJobConfiguration):
 def configured(kind, values, worker_environment=None, configuration=Configuration, monkeypatch=None):
     if monkeypatch is not None:
         monkeypatch.setattr(BaseJobConfiguration, "_base_environment", staticmethod(lambda: dict(worker_environment)))
-    made = asyncio.run(configuration.from_template_and_values(base_job_template(kind), values, client=object()))
+    made = asyncio.run(configuration.from_template_and_values(pool_template(kind), values, client=object()))
     made.prepare_for_flow_run(FlowRun(id=uuid.uuid4(), name="quick-fox", flow_id=uuid.uuid4()))
     return made
 
@@ -64,7 +65,7 @@ def pod(configuration):
 
 def test_job_of_every_key_of_campaign_file_is_valid_and_has_them(described):
     valid_job(configured(PoolType.kubernetes, {}).job_manifest)
-    made = configured(PoolType.kubernetes, job_variables(PoolType.kubernetes, described()))
+    made = configured(PoolType.kubernetes, job_variables(PoolType.kubernetes, described(), IMAGE, NAME))
     valid_job(made.job_manifest)
     spec = pod(made)
     main, sidecars = spec["containers"][0], spec["initContainers"]
@@ -93,7 +94,7 @@ def test_job_has_queue_secret_and_end_of_its_variables():
     assert (main["name"], main["envFrom"]) == (LOOKED_FOR, [{"secretRef": {"name": "s3", "optional": True}}])
     spec = made.job_manifest["spec"]
     assert (spec["ttlSecondsAfterFinished"], spec["backoffLimit"]) == (60, 0)
-    template = base_job_template(PoolType.kubernetes)
+    template = pool_template(PoolType.kubernetes)
     assert "AWS" not in json.dumps(template)
     assert template["variables"]["properties"]["finished_job_ttl"]["default"] > 0
 
@@ -128,18 +129,16 @@ def test_template_removes_settings_of_places_and_secrets():
 
 
 def test_docker_job_has_volume_and_memory_and_process_job_neither(described):
-    made = configured(PoolType.docker, job_variables(PoolType.docker, described()))
+    made = configured(PoolType.docker, job_variables(PoolType.docker, described(), IMAGE, NAME))
     assert (made.volumes, made.mem_limit, made.image) == ([f"vastflow:{DATA}"], "8g", "vastflow:latest")
-    assert job_variables(PoolType.process, described()) == {}
-    with pytest.raises(ValueError, match="got 'process'"):
-        base_job_template(PoolType.process)
+    assert job_variables(PoolType.process, described(), IMAGE, NAME) == {}
 
 
 def test_prefects_own_worker_accepts_the_template_and_puts_everything_into_the_job(described, monkeypatch):
     worker = pytest.importorskip("prefect_kubernetes.worker", reason="takes the package prefect-kubernetes")
     made = configured(
         PoolType.kubernetes,
-        job_variables(PoolType.kubernetes, described()),
+        job_variables(PoolType.kubernetes, described(), IMAGE, NAME),
         {"PREFECT_API_KEY": FOREIGN},
         worker.KubernetesWorkerJobConfiguration,
         monkeypatch,

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.tasks.prefect.containers import Container, Needs, RunDescription
-from vastflow.tasks.prefect.manifests import compose_file, config_map_keys, pod_spec, pod_template, yaml_text
+from vastflow.tasks.prefect.manifests import compose_file, config_map_items, pod_spec, pod_template, yaml_text
 
 COMPOSE = get_builtin_schema("vendor.compose-spec")
 SIDECARS_SINCE = "1.29"
@@ -71,7 +71,7 @@ def test_manifests_of_single_container_are_valid(description):
 
 def test_single_container_has_no_key_of_others():
     (main,) = compose_file(ALONE)["services"].values()
-    assert {"network_mode", "depends_on", "deploy", "entrypoint"}.isdisjoint(main)
+    assert {"network_mode", "depends_on", "deploy"}.isdisjoint(main)
     assert {"activeDeadlineSeconds", "nodeSelector", "initContainers"}.isdisjoint(pod_spec(ALONE))
 
 
@@ -88,9 +88,10 @@ def test_capabilities_are_kept_by_root(user, restricted):
 
 @given(st.lists(st.text(min_size=1, max_size=20), unique=True))
 def test_keys_of_config_map_are_valid_and_distinct(files):
-    keys = config_map_keys(replace(ALONE, files=tuple(files)))
-    assert list(keys.values()) == files
-    assert all(re.fullmatch(r"[-._a-zA-Z0-9]{1,253}", key) for key in keys)
+    items = config_map_items(replace(ALONE, files=tuple(files)))
+    assert [each["path"] for each in items] == files
+    keys = {each["key"] for each in items}
+    assert len(keys) == len(files) and all(re.fullmatch(r"[-._a-zA-Z0-9]{1,253}", key) for key in keys)
 
 
 def expanded(text):
@@ -99,22 +100,13 @@ def expanded(text):
     return text.replace("$$", "$")
 
 
-@given(st.text(), st.lists(st.text(), min_size=1))
-def test_manifests_hide_dollars_from_kubernetes_and_compose(value, command):
-    description = replace(ALONE, env={"NAME": value}, main=Container("main", command=tuple(command)))
+@given(st.text())
+def test_manifests_hide_dollars_from_kubernetes_and_compose(value):
+    description = replace(ALONE, env={"NAME": value})
     (main,) = pod_spec(description)["containers"]
     assert expanded(main["env"][0]["value"]) == value
-    assert [expanded(argument) for argument in main["command"]] == command
     main = compose_file(description)["services"]["main"]
     assert Template(main["environment"]["NAME"]).substitute() == value
-    assert [Template(argument).substitute() for argument in main["entrypoint"]] == command
-
-
-def test_compose_command_runs_between_scripts():
-    main = Container("main", command=("run", "a b"))
-    entrypoint = compose_file(replace(ALONE, main=main, post_command="/post.sh"))["services"]["main"]["entrypoint"]
-    assert entrypoint[:2] == ["/bin/bash", "-c"]
-    assert "run 'a b' &\nwait $$!\n" in entrypoint[2]
 
 
 @example({"\n\x85": ""})

@@ -7,10 +7,10 @@ import json
 import os
 import subprocess
 import sys
-import time
 
 import pyarrow.parquet as pq
 import pytest
+from asleep import END_S, SLEEP_X, SLEEPING_SEARCH, wait_until
 from command_line import called
 from prefect.states import Cancelling
 
@@ -19,26 +19,6 @@ pytestmark = [
     pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it"),
 ]
 
-END_S = 240
-SEARCH = """
-version: 1
-metadata: {name: asleep}
-search:
-  strategy: random
-  search_space: {x: {type: float, low: 2, high: 3}}
-  per_batch: 4
-  budget: [{batches: 2}]
-  confirm: 0
-execution: {scenario_file: sleep.osc, runs: 1, timeout: 60}
-"""
-SLEEP_OSC = """
-import osc.helpers
-
-scenario sleep_x:
-    x: string
-    do serial:
-        run_process('sleep ' + x)
-"""
 PLAN = "import asyncio\nfrom prefect.server.services.scheduler import schedule_deployments as s\nasyncio.run(s())"
 """What Prefect's own scheduler does every minute."""
 
@@ -47,8 +27,8 @@ PLAN = "import asyncio\nfrom prefect.server.services.scheduler import schedule_d
 def place(tmp_path_factory):
     """A folder with the search; Prefect's home and the store are beside it."""
     folder = tmp_path_factory.mktemp("lab")
-    (folder / "sleep.osc").write_text(SLEEP_OSC)
-    (folder / "asleep.vast").write_text(SEARCH)
+    (folder / "sleep.osc").write_text(SLEEP_X)
+    (folder / "asleep.vast").write_text(SLEEPING_SEARCH)
     return folder
 
 
@@ -79,13 +59,6 @@ def of_schedule(api, state):
 
 def batches(api):
     return [each for each in api.read_flow_runs() if each.name.startswith("asleep, batch")]
-
-
-def wait_until(condition):
-    deadline_s = time.monotonic() + END_S
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.3)
 
 
 def test_next_scheduled_flow_run_resumes_canceled_search(nights, place):

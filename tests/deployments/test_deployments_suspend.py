@@ -4,12 +4,12 @@ import time
 
 import psutil
 import pytest
+from asleep import wait_until
 from command_line import called
 from prefect.states import Suspended
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(580)]
 
-END_S = 240
 RUNS = 40
 CAMPAIGN = f"""
 version: 1
@@ -32,14 +32,6 @@ def place(tmp_path_factory):
     (folder / "sleep.osc").write_text(SLEEP_OSC)
     (folder / "asleep.vast").write_text(CAMPAIGN)
     return folder
-
-
-def wait_until(condition):
-    deadline_s = time.monotonic() + END_S
-    while not (found := condition()):
-        assert time.monotonic() < deadline_s
-        time.sleep(0.3)
-    return found
 
 
 def test_suspended_campaign_ends_at_once_and_goes_on_when_resumed(api, place, started_worker, monkeypatch):

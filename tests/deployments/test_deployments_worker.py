@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from command_line import called, refused
-from room import drawn_room
+from room import SHORT_DRIVES, drawn_room
 
 from vastflow.flows import run_campaign
 from vastflow.flows.request.run_request import RunRequest
@@ -21,21 +21,7 @@ more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reaso
 
 WORKER_S = 420
 DEPLOYMENT = "campaign/tiny"
-CAMPAIGN = """\
-version: 1
-metadata: {name: tiny}
-configuration:
-  - name: room
-    parameters:
-      - map_file: room.yaml
-      - start_pose: {x: 1.0, y: 1.5, yaw: 0.0}
-      - goal_pose: {x: 1.6, y: 1.5, yaw: 0.0}
-    variations:
-      - ParameterVariationList:
-          name: laserscan_gaussian_noise_std_deviation
-          values: [0.0, 0.01]
-execution: {runs: 2, timeout: 30}
-"""
+CAMPAIGN = SHORT_DRIVES.replace("NAME", "tiny")
 
 
 @pytest.fixture(scope="module")
@@ -200,22 +186,6 @@ def test_manual_run_has_own_flow_run_page(api, place, first):
     assert (result.directory / "report.html").resolve().as_uri() in found["tiny-report"]["data"]
     run()  # nothing is left to do
     assert sum(each.name == shown.name for each in api.read_flow_runs()) == 1
-
-
-@more
-def test_second_night_executes_nothing_and_writes_results(api, first, work):
-    second = work()
-    assert second.state.message.endswith("; 0 runs executed, 4 from the store")
-    assert set(artifacts(api, second)) == {"tiny-progress", "tiny-results", "tiny-report"}
-    assert "2 configurations × 2 runs; 4 runs are in the store" in logged(api, second)
-
-
-@more
-def test_report_link_uses_served_address(api, first, work):
-    asked = work(reports="https://lab.example/results/", runs=3)
-    link = artifacts(api, asked)["tiny-report"]["data"]
-    assert link.startswith("[report.html](https://lab.example/results/tiny-20")
-    assert asked.name == "tiny, 2 configurations × 3 runs"
 
 
 @more

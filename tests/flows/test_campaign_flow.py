@@ -2,15 +2,10 @@
 
 import asyncio
 import json
-import os
 import shutil
-import signal
 import sqlite3
-import subprocess
-import sys
 from types import SimpleNamespace
 
-import psutil
 import pytest
 from room import edited, laid_out
 
@@ -114,13 +109,6 @@ def test_second_run_executes_nothing_starts_no_prefect_and_writes_the_same_bytes
     assert recordings(found) == recordings(first)
 
 
-@pytest.mark.slow
-def test_recordings_have_equal_bytes_for_any_workers(place, first, tmp_path):
-    alone = run_campaign(place / "tiny.vast", results=tmp_path / "results", store=tmp_path / "store", workers=1)
-    assert alone.summary.executed == CONFIGURATIONS * RUNS
-    assert recordings(alone) == recordings(first)
-
-
 def test_changed_noise_level_executes_its_configurations_only(place, again, counted):
     found = again(("tiny.vast", "values: [0.0, 0.01]", "values: [0.0, 0.02]"))
     assert (found.summary.executed, found.summary.reused) == (2 * RUNS, 2 * RUNS)
@@ -156,12 +144,6 @@ def test_damaged_recording_is_recorded_again_and_keeps_trace_and_verdicts(artifa
     assert "is damaged and will be computed again" in (found.directory / "logs" / "campaign.log").read_text()
 
 
-def test_lost_trace_is_observed_again_only(artifacts, again, counted):
-    shutil.rmtree(artifacts["observe"][0])
-    assert again().summary.executed == 0
-    assert counted() == NOTHING
-
-
 def test_oracle_that_raises_is_a_fault_and_judged_again_after_repair(again, counted):
     broken = "trace.run.distance_m if trace.run.run_index else 1 / 0"
     found = again(("driven.py", "trace.run.distance_m", broken))
@@ -172,48 +154,3 @@ def test_oracle_that_raises_is_a_fault_and_judged_again_after_repair(again, coun
     repaired = again(("driven.py", "else 1 / 0", "else 1.0"))
     assert (repaired.summary.not_judged, repaired.faults) == (0, ())
     assert counted()["judge"] == judged + CONFIGURATIONS * RUNS
-
-
-SCRIPT = """
-import signal
-from vastflow.flows import run_campaign
-
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell ignores it
-
-class Show:
-    def update(self, progress):
-        print(progress.executed, flush=True)
-
-run_campaign("tiny.vast", runs=60, results="results", store={store!r}, workers=2, observer=Show())
-"""
-
-
-@pytest.mark.slow
-def test_interrupted_campaign_continues_from_stored_runs(place, first, tmp_path, again, counted, prefect_home):
-    script = SCRIPT.format(store=str(place / "store"))
-    campaign = subprocess.Popen(
-        [sys.executable, "-c", script],
-        cwd=place,
-        env={**os.environ, "PREFECT_HOME": str(prefect_home(tmp_path / "prefect"))},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        while int(campaign.stdout.readline()) < 10:
-            pass
-        children = psutil.Process(campaign.pid).children(recursive=True)
-        os.killpg(campaign.pid, signal.SIGINT)
-        campaign.communicate(timeout=240)
-    finally:
-        campaign.kill()
-    _, alive = psutil.wait_procs(children, timeout=60)
-    assert alive == []
-    assert all(path.name.endswith(".running") for path in (place / "results").glob(".*"))
-    there = counted()["runs"]
-    found = again(runs=60)
-    assert 0 < there < found.summary.reused
-    assert found.summary.executed > 0
-    assert counted()["runs"] == there + found.summary.executed
-    assert found.summary.executed + found.summary.reused == 60 * CONFIGURATIONS

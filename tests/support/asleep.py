@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 
 CAMPAIGN = """\
@@ -23,6 +24,35 @@ scenario asleep:
         run_process(command)
         emit end
 """
+SLEEPING_SEARCH = """
+version: 1
+metadata: {name: asleep}
+search:
+  strategy: random
+  search_space: {x: {type: float, low: 2, high: 3}}
+  per_batch: 4
+  budget: [{batches: 2}]
+  confirm: 0
+execution: {scenario_file: sleep.osc, runs: 1, timeout: 60}
+"""
+SLEEP_X = """
+import osc.helpers
+
+scenario sleep_x:
+    x: string
+    do serial:
+        run_process('sleep ' + x)
+"""
+END_S = 240
+
+
+def wait_until(condition):
+    """Return a true value once there is one; fail after `END_S`."""
+    deadline_s = time.monotonic() + END_S
+    while not (found := condition()):
+        assert time.monotonic() < deadline_s
+        time.sleep(0.3)
+    return found
 
 
 @contextmanager

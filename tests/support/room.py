@@ -30,6 +30,22 @@ configuration:
 execution:
   runs: 2
 """
+SHORT_DRIVES = """\
+version: 1
+metadata: {name: NAME}
+configuration:
+  - name: room
+    parameters:
+      - map_file: room.yaml
+      - start_pose: {x: 1.0, y: 1.5, yaw: 0.0}
+      - goal_pose: {x: 1.6, y: 1.5, yaw: 0.0}
+    variations:
+      - ParameterVariationList:
+          name: laserscan_gaussian_noise_std_deviation
+          values: [0.0, 0.01]
+execution: {runs: 2, timeout: 30}
+"""
+"""Drives of 0.6 m in a room of 60 cells."""
 
 PRODUCER = """
 from vastflow.producers.model.configuration import Fragment

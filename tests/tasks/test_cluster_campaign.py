@@ -11,35 +11,16 @@ import time
 import psutil
 import pyarrow.parquet as pq
 import pytest
-from room import drawn_room
+from asleep import SLEEP_X, SLEEPING_SEARCH, wait_until
+from room import SHORT_DRIVES, drawn_room
 
 from vastflow.flows import run_campaign
-from vastflow.tasks.engine import dask_worker
-from vastflow.tasks.engine.executor import ClusterError
 from vastflow.tasks.store.remote_files import RemoteFiles
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(580)]
 
-END_S = 200
-
-ROOM = """
-version: 1
-metadata: {name: pooled}
-configuration:
-  - name: room
-    parameters:
-      - map_file: ../maps/room.yaml
-      - start_pose: {x: 1.0, y: 1.5, yaw: 0.0}
-      - goal_pose: {x: 1.6, y: 1.5, yaw: 0.0}
-    variations:
-      - ParameterVariationList:
-          name: laserscan_gaussian_noise_std_deviation
-          values: [0.0, 0.01, 0.02]
-execution: {runs: 2, timeout: 30}
-evaluation:
-  oracles:
-    - own_oracle.py:Distance: {least_m: 0.1}
-"""
+ROOM = SHORT_DRIVES.replace("NAME", "pooled").replace("room.yaml", "../maps/room.yaml").replace("0.01]", "0.01, 0.02]")
+OWN_ORACLE = "evaluation: {oracles: ['own_oracle.py:Distance': {least_m: 0.1}]}\n"
 ORACLE = """
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
@@ -104,25 +85,6 @@ search:
   budget: [{batches: 2}]
   confirm: 2
 execution: {scenario_file: wait.osc, runs: 1, timeout: 6}
-"""
-SLEEPS = """
-version: 1
-metadata: {name: asleep}
-search:
-  strategy: random
-  search_space: {x: {type: float, low: 2, high: 3}}
-  per_batch: 4
-  budget: [{batches: 2}]
-  confirm: 0
-execution: {scenario_file: sleep.osc, runs: 1, timeout: 60}
-"""
-SLEEP_OSC = """
-import osc.helpers
-
-scenario sleep_x:
-    x: string
-    do serial:
-        run_process('sleep ' + x)
 """
 WAIT_OSC = """
 import osc.helpers
@@ -214,7 +176,7 @@ def room(tmp_path):
     drawn_room(tmp_path / "maps", 60)
     (tmp_path / "campaign").mkdir()
     (tmp_path / "campaign" / "own_oracle.py").write_text(ORACLE)
-    (tmp_path / "campaign" / "room.vast").write_text(ROOM)
+    (tmp_path / "campaign" / "room.vast").write_text(ROOM + OWN_ORACLE)
     return tmp_path / "campaign" / "room.vast"
 
 
@@ -333,17 +295,6 @@ def test_restarted_scheduler_is_found(cluster, programs, tmp_path):
     assert len(executed(tmp_path)) <= 8 + 2  # what was in flight
 
 
-def test_worker_with_other_code_is_refused_with_both_digests(cluster, programs, tmp_path):
-    cluster.worker(NUMBA_OPT="1")
-    own = dask_worker.own_code()[0][:12]
-    cluster.wait_for_worker()
-    with pytest.raises(
-        ClusterError, match=rf"worker tcp://\S+ has other code \(\w{{12}}\) than this campaign \({own}\)"
-    ):
-        run(programs("well"), tmp_path, cluster)
-    assert executed(tmp_path) == []
-
-
 def test_late_worker_with_other_code_gets_nothing(cluster, programs, tmp_path):
     cluster.worker()
     cluster.wait_for_worker()
@@ -399,9 +350,9 @@ def api(started_api, tmp_path_factory):
 
 
 def test_interrupted_search_resumes_in_batch(api, tmp_path):
-    (tmp_path / "sleep.osc").write_text(SLEEP_OSC)
+    (tmp_path / "sleep.osc").write_text(SLEEP_X)
     file = tmp_path / "asleep.vast"
-    file.write_text(SLEEPS)
+    file.write_text(SLEEPING_SEARCH)
     options = ["--results", tmp_path / "results", "--store", tmp_path / "store", "--workers", "1"]
     command = [sys.executable, "-m", "vastflow.flows.cli", "run", file, *options]
 
@@ -421,10 +372,3 @@ def test_interrupted_search_resumes_in_batch(api, tmp_path):
         *["asleep, batch 2, point-0005 to point-0008"] * 2,
     ]
     assert all(run.state.is_final() for run in batches())
-
-
-def wait_until(condition):
-    deadline_s = time.monotonic() + END_S
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.3)

@@ -3,15 +3,16 @@
 import os
 import threading
 import time
-from concurrent.futures import Future
 
 import distributed
 import pytest
+from at_once import AtOnce
 from dask import config
 from distributed.core import Status
 from distributed.security import Security
 
 from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.plug_ins.effects import Interrupted
 from vastflow.tasks.engine import dask_cluster, dask_worker
 from vastflow.tasks.engine.dask_cluster import DaskCluster
 from vastflow.tasks.engine.executor import ClusterError, PoolClosed, Priority
@@ -29,17 +30,15 @@ def dask():
         yield made
 
 
-class Here:
-    """Executes at once, in this process."""
+class Here(AtOnce):
+    """Executes at once, and keeps what it was asked for."""
 
     def __init__(self):
         self.done = []
 
-    def submit(self, function, *arguments, priority):
+    def called(self, function, *arguments):
         self.done.append(function)
-        future = Future()
-        future.set_result(function(*arguments))
-        return future
+        return function(*arguments)
 
     def rest(self):
         self.done.append("rest")
@@ -121,7 +120,7 @@ def store_of(executor):
 
 
 def _put(store, shared):
-    number, same = shared.opened()
+    number, same = shared()
     store.put("search/ab/key", {"x": b"x"})
     return number, same.place
 
@@ -287,6 +286,31 @@ def test_units_that_wait_on_paused_worker_go_to_another(opened, monkeypatch):
 
 def set_status(worker, status):
     worker.loop.add_callback(setattr, worker, "status", status)
+
+
+def test_canceled_unit_is_interrupted_once(opened, tmp_path):
+    executor, log = opened(), tmp_path / "log"
+    assert execute(executor, len, "ab").result(60) == 2
+    executor.prepare(len, "ab")  # which gives workers a second plug-in
+    execute(executor, _stubborn, str(log))
+    while not log.exists():
+        time.sleep(0.02)
+    executor.close()
+    while "end" not in log.read_text():
+        time.sleep(0.05)
+    assert log.read_text().split() == ["begin", "interrupted", "end"]
+
+
+def _stubborn(log):
+    """Work on for a while after an interrupt."""
+    _note(log, "begin")
+    for word in ("interrupted", "end"):
+        try:
+            for _ in range(40):
+                time.sleep(0.05)
+        except Interrupted:
+            pass
+        _note(log, word)
 
 
 def test_unit_of_closed_executor_ends_between_two_runs(opened, tmp_path):

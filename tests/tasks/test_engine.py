@@ -1,18 +1,17 @@
-import pickle
-from concurrent.futures import Future
 from types import SimpleNamespace
 
 import pytest
+from at_once import AtOnce
 
 from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.engine import units, work
 from vastflow.tasks.engine.engine import Engine, RunFault
-from vastflow.tasks.engine.executor import ClusterError, LocalPickle, PoolClosed, WorkerDied
+from vastflow.tasks.engine.executor import ClusterError, PoolClosed, WorkerDied
 from vastflow.tasks.engine.index import ConfigurationRuns, Index
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.shards import Shard
-from vastflow.tasks.engine.work import Broken, Computed, Executed
+from vastflow.tasks.engine.work import Broken, Executed
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.store import StoreError, open_store
 
@@ -21,32 +20,15 @@ def configuration(name, runs=2):
     return ConfigurationRuns(name, "room", 1, Scenario("builtin:navigate_to_pose", 60.0, {}, {"name": name}, {}), runs)
 
 
-class Pool:
-    """Does jobs at once in this thread with stand-ins for the stages; `answers` says what becomes of a configuration."""
-
-    workers = 1
-    closed = whole_units = False
+class Pool(AtOnce):
+    """Has stand-ins for the stages; `answers` says what becomes of a configuration."""
 
     def __init__(self):
         self.done = []
         self.answers = {}
 
-    def shared(self, value):
-        return LocalPickle(pickle.dumps(value))
-
-    def prepare(self, function, *arguments):
-        return self.submit(function, *arguments, priority=0)
-
-    def submit(self, function, *arguments, priority):
+    def called(self, function, stage, *arguments):
         assert function is work.answered
-        future = Future()
-        try:
-            future.set_result(self._do(*arguments))
-        except Exception as error:  # noqa: BLE001 - as a pool does
-            future.set_exception(error)
-        return future
-
-    def _do(self, stage, *arguments):
         scenario = next((each for each in arguments if isinstance(each, Scenario)), None)
         name = scenario.task["name"] if scenario else ""
         self.done.append((stage.__name__, name))
@@ -80,7 +62,7 @@ def engine(tmp_path, pool, monkeypatch):
     index = Index(open_store(tmp_path), Keys("numeric", "e", "o", "j", 0, []))
     tally = Tally()
     tally.expect({"a": 2, "b": 2})
-    made = Engine(index, pool, tally, pickle.dumps(oracles_of([])))
+    made = Engine(index, pool, tally, oracles_of([]))
     made.tally = tally
     return made
 
@@ -199,7 +181,7 @@ def test_whole_unit_leaves_nothing_to_the_other_stages(engine, pool):
         made.append(store.put(keys.trace(checked, made[0].content), {"traces.parquet": b"trace"}))
         key, info = keys.verdicts(checked, made[0].content, made[1].content), {"runs": [[0, "pass"], [1, "fail"]]}
         made.append(store.put(key, {"verdicts.json": b"[]"}, info))
-        return Computed({run: 10.0 for run in range(start, stop)}, {}, 1.0, tuple(made))
+        return Executed({run: 10.0 for run in range(start, stop)}, {}, 1.0, tuple(made))
 
     pool.whole_units = True
     pool.answers["compute", "a"] = compute
@@ -212,6 +194,6 @@ def test_whole_unit_leaves_nothing_to_the_other_stages(engine, pool):
 def test_whole_unit_names_stage_that_broke(engine, pool):
     pool.whole_units = True
     later = (("judge", (0, 2), Broken("ValueError: x")),)
-    pool.answers["compute", "a"] = Computed({0: 1.0, 1: 1.0}, {}, 1.0, (), later)
+    pool.answers["compute", "a"] = Executed({0: 1.0, 1: 1.0}, {}, 1.0, (), later)
     engine.execute([configuration("a")])
     assert engine.faults == tuple(RunFault("a", run, "judge", "ValueError: x") for run in (0, 1))

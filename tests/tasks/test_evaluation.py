@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from vastflow.producers.catalog.one_of import OneOfVariation
 from vastflow.producers.catalog.parameter import ParameterVariationList
 from vastflow.producers.model.configuration import Fragment, Rejection
-from vastflow.producers.model.producer import evaluate, find_producer
+from vastflow.producers.model.producer import find_producer
 from vastflow.sim.model.digest import FileContent
 from vastflow.tasks.engine.evaluation import (
     content_of,
@@ -106,26 +106,6 @@ def own(folder, text=OWN, **parameters):
     return kind(kind.Parameters(**parameters))
 
 
-def test_plug_in_key_ignores_comments(tmp_path):
-    plain, commented, edited = (
-        keys_of(own(tmp_path, text, values=(1.0,)), "1" * 64)
-        for text in (OWN, f"# mine\n{OWN}", OWN.replace("value})", "value + 1})"))
-    )
-    assert plain == commented != edited
-
-
-def test_plug_in_is_pickled(tmp_path):
-    sent = pickle.dumps(packed(own(tmp_path, values=(1.0, 2.0))))
-    script = "import pickle, sys; p = pickle.loads(sys.stdin.buffer.read()).unpacked(); print(p.parameters.values)"
-    done = subprocess.run([sys.executable, "-c", script], input=sent, capture_output=True, timeout=240, check=True)
-    assert done.stdout.decode().strip() == "(1.0, 2.0)"
-
-
-def test_packed_producer_yields_the_same(tmp_path):
-    producer = own(tmp_path, values=(1.0, 2.0))
-    assert evaluate(packed(producer).unpacked(), {}) == evaluate(producer, {})
-
-
 def one_of(*children):
     return OneOfVariation(OneOfVariation.Parameters(variations=list(children)))
 
@@ -154,7 +134,3 @@ def test_custom_alternatives_are_pickled(tmp_path):
     script = "import pickle, sys; print(pickle.loads(sys.stdin.buffer.read()).unpacked().children[0].children[0].parameters.values)"
     done = subprocess.run([sys.executable, "-c", script], input=sent, capture_output=True, timeout=240, check=True)
     assert done.stdout.decode().strip() == "(1.0, 2.0)"
-
-
-def test_parameter_model_has_declared_fields():
-    assert content_of(listed(name="a", values=(1, 2)).parameters) == {"dimension": None, "name": "a", "values": [1, 2]}

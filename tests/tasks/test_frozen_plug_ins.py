@@ -20,7 +20,7 @@ from vastflow.sim.plug_ins.effects import watched
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.tasks.engine.evaluation import packed
-from vastflow.tasks.keys.source import PLUG_IN, installed_tree
+from vastflow.tasks.keys.source import installed_tree
 
 ORACLE = """
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
@@ -367,11 +367,6 @@ def test_output_or_prose_of_a_notebook_changes_no_key(home):
     document["cells"].append({"cell_type": "markdown", "source": "Prose."})
     (home / "own.ipynb").write_text(json.dumps(document))
     assert key(oracle_of("own.ipynb", {}, home)) == before
-
-
-def test_plug_ins_own_file_has_one_name_in_every_key(home):
-    write(home)
-    assert set(installed_tree().plug_in_code(type(oracle(home))).modules) >= {PLUG_IN}
 
 
 def test_copies_use_private_folder(home, tmp_path, monkeypatch):

@@ -1,10 +1,12 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing, run_blocks
 from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.artifact import Block
 from vastflow.tasks.store.store import open_store
 
 CONFIGURATION = ConfigurationRuns("room-1", "room", 1, Scenario("builtin:navigate_to_pose", 60.0, {}, {}, {}), runs=8)
@@ -24,26 +26,17 @@ def spans(blocks):
     return [(block.start, block.stop) for block in blocks]
 
 
-def test_five_runs_leave_exactly_three_of_eight_missing(index):
-    put(index, 0, 5)
-    assert missing(index.blocks(CONFIGURATION), 8) == [5, 6, 7]
-
-
-def test_surplus_runs_do_not_trigger_recording(index):
-    put(index, 0, 20)
-    assert missing(index.blocks(CONFIGURATION), 8) == []
+@each_row(
+    ("blocks", "absent"), [([(0, 5)], [5, 6, 7]), ([(0, 20)], []), ([(0, 2), (3, 8)], [2]), ([(0, 1), (0, 8)], [])]
+)
+def test_runs_of_no_block_are_missing(blocks, absent):
+    assert missing([Block("", *block, "") for block in blocks], 8) == absent
 
 
 def test_blocks_that_add_nothing_are_left_out(index):
     for start, stop in [(0, 3), (0, 5), (2, 4), (3, 8), (8, 10)]:
         put(index, start, stop)
     assert spans(index.blocks(CONFIGURATION)) == [(0, 5), (3, 8)]
-
-
-def test_hole_in_the_middle_is_missing(index):
-    put(index, 0, 2)
-    put(index, 3, 8)
-    assert missing(index.blocks(CONFIGURATION), 8) == [2]
 
 
 def test_damaged_block_is_missing(index):

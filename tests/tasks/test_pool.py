@@ -11,7 +11,7 @@ import pytest
 
 from vastflow.tasks.engine import pool as pool_module
 from vastflow.tasks.engine.executor import PoolClosed, Priority, WorkerDied
-from vastflow.tasks.engine.pool import MANY, Pool, _Pace
+from vastflow.tasks.engine.pool import MANY, Pool
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -93,19 +93,8 @@ def test_few_short_jobs_are_done_by_one_worker(pool):
     assert len({pool.submit(os.getpid, priority=Priority.EXECUTE).result(120) for _ in range(5)}) == 1
 
 
-def test_more_workers_pay_where_jobs_would_take_longer_than_a_process_to_start():
-    pace = _Pace()
-    assert not pace.pays(1000), "nothing is known yet"
-    pace.answered(2.0)
-    assert not pace.pays(1000), "the first answer has the start in it"
-    for _ in range(4):
-        pace.answered(0.5)
-    assert not pace.pays(4)
-    assert pace.pays(5)
-
-
 def test_long_jobs_get_a_worker_each(pool, tmp_path, monkeypatch):
-    monkeypatch.setattr(pool_module, "FIRST_ANSWER_S", 1.0)
+    monkeypatch.setattr(pool_module, "WAITS_S", 1.0)
     jobs = [
         pool.submit(meet, tmp_path, each, other, priority=Priority.EXECUTE) for each, other in (("a", "b"), ("b", "a"))
     ]
@@ -113,7 +102,7 @@ def test_long_jobs_get_a_worker_each(pool, tmp_path, monkeypatch):
 
 
 def test_pool_starts_all_workers_for_many_jobs(tmp_path, monkeypatch):
-    monkeypatch.setattr(pool_module, "FIRST_ANSWER_S", 1000.0)
+    monkeypatch.setattr(pool_module, "WAITS_S", 1000.0)
     pool = Pool(2)
     try:
         met = [

@@ -13,53 +13,6 @@ def tally():
     return made
 
 
-def test_expected_runs_are_the_total():
-    progress = tally().progress()
-    assert (progress.configurations_total, progress.runs_total) == (2, 4)
-
-
-def test_configuration_is_done_when_all_runs_are_judged():
-    counted = tally()
-    counted.judge("room-1", {0: "pass"})
-    assert counted.progress().configurations_done == 0
-    counted.judge("room-1", {1: "fail"})
-    progress = counted.progress()
-    assert (progress.configurations_done, progress.runs_done) == (1, 2)
-    assert (progress.passed, progress.failed, progress.not_judged) == (1, 1, 0)
-
-
-def test_repeated_run_counts_once_with_last_verdict():
-    counted = tally()
-    counted.judge("room-1", {0: "not judged"})
-    counted.judge("room-1", {0: "pass"})
-    progress = counted.progress()
-    assert (progress.runs_done, progress.passed, progress.not_judged) == (1, 1, 0)
-
-
-def test_unrequested_runs_are_ignored():
-    counted = tally()
-    counted.reuse("room-1", range(5))
-    counted.judge("room-1", {0: "pass", 4: "pass"})
-    progress = counted.progress()
-    assert (progress.reused, progress.runs_done) == (2, 1)
-
-
-def test_run_executed_by_call_is_not_counted_as_reused():
-    counted = tally()
-    counted.execute("room-1", {0: 10.0, 1: 20.0})
-    counted.reuse("room-1", range(2))
-    progress = counted.progress()
-    assert (progress.executed, progress.reused, progress.simulated_s) == (2, 0, 30.0)
-
-
-def test_run_found_damaged_after_it_counted_as_reused_is_executed():
-    counted = tally()
-    counted.reuse("room-1", range(2))
-    counted.execute("room-1", {1: 20.0})
-    progress = counted.progress()
-    assert (progress.executed, progress.reused) == (1, 1)
-
-
 WANTED = {"a": 3, "b": 1, "c": 2}
 CONFIGURATIONS = st.sampled_from([*WANTED, "unknown"])
 INDICES = st.integers(0, 4)
@@ -120,15 +73,6 @@ def test_observer_is_shown_the_first_and_the_last_state_from_one_thread():
     assert recorder.seen[-1] == counted.progress()
     assert len(recorder.threads) == 1
     assert recorder.threads != {threading.get_ident()}
-
-
-def test_reporter_works_without_an_observer():
-    with Reporter(tally(), None):
-        pass
-
-
-def test_progress_is_a_value():
-    assert Progress(phase="running") == Progress(phase="running")
 
 
 def test_possible_runs_count_until_they_are_ruled_out():

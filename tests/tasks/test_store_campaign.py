@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from room import drawn_room
+from room import SHORT_DRIVES, drawn_room
 
 from vastflow.flows import run_campaign
 from vastflow.flows.flow_runs import flow_call
@@ -19,21 +19,6 @@ from vastflow.tasks.store.store import StoreError, open_store
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
-CAMPAIGN = """
-version: 1
-metadata: {name: remote}
-configuration:
-  - name: room
-    parameters:
-      - map_file: room.yaml
-      - start_pose: {x: 1.0, y: 1.5, yaw: 0.0}
-      - goal_pose: {x: 1.6, y: 1.5, yaw: 0.0}
-    variations:
-      - ParameterVariationList:
-          name: laserscan_gaussian_noise_std_deviation
-          values: [0.0, 0.01]
-execution: {runs: 2, timeout: 30}
-"""
 CONFIGURATIONS = 2
 
 
@@ -41,7 +26,7 @@ CONFIGURATIONS = 2
 def file(tmp_path, monkeypatch, prefect_home):
     """The campaign's file; its map and Prefect's home are beside it."""
     drawn_room(tmp_path, 60)
-    (tmp_path / "remote.vast").write_text(CAMPAIGN)
+    (tmp_path / "remote.vast").write_text(SHORT_DRIVES.replace("NAME", "remote"))
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     tree = installed_tree()

@@ -6,15 +6,14 @@
 import os
 import pickle
 import random
-from concurrent.futures import Future
 
 import pytest
+from at_once import AtOnce
 
 from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.sim.model.scenario import Scenario
-from vastflow.tasks.engine import units, work
+from vastflow.tasks.engine import units
 from vastflow.tasks.engine.engine import Engine, judgements
-from vastflow.tasks.engine.executor import LocalPickle
 from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.work import BEHAVIORS, RECORDINGS, RUN_LOG, TRACES, VERDICTS, Executed
@@ -28,28 +27,15 @@ CONFIGURATIONS = [
 ]
 
 
-class Pool:
-    """Does the stages at once, without a simulator, and counts them; another process's store is a copy."""
-
-    workers = 1
-    closed = whole_units = False
+class Pool(AtOnce):
+    """Does the stages without a simulator, and counts them; another process's store is a copy."""
 
     def __init__(self):
         self.done = 0
 
-    def shared(self, value):
-        return LocalPickle(pickle.dumps(value))
-
-    def submit(self, function, stage, store, *arguments, priority):
+    def called(self, function, stage, store, *arguments):
         self.done += 1
-        future = Future()
-        try:
-            future.set_result(
-                work.answered(getattr(self, stage.__name__), pickle.loads(pickle.dumps(store)), *arguments)
-            )
-        except OSError as error:
-            future.set_exception(error)
-        return future
+        return function(getattr(self, stage.__name__), pickle.loads(pickle.dumps(store)), *arguments)
 
     def execute(self, store, home, scenario, start, stop, seed):
         recorded = f"recorded {scenario.digest} {start} {stop}".encode() * 20

@@ -1,5 +1,6 @@
 import json
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import Execution
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import packed, read_evaluation
-from vastflow.tasks.engine.executor import LocalPickle
 from vastflow.tasks.engine.work import Broken, Executed, answered
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.store import StoreError, open_store
@@ -131,7 +131,7 @@ def test_judging_stores_overall_judgements(store, simulate):
     simulate()
     work.execute(store, "execute/ab/key", SCENARIO, 0, 2, 0)
     work.observe(store, "execute/ab/key/0-2", "observe/ab/key", SCENARIO)
-    oracles = LocalPickle(pickle.dumps(oracles_of([])))
+    oracles = partial(oracles_of, [])
     work.judge(store, "execute/ab/key/0-2", "observe/ab/key", "judge/ab/key", SCENARIO, oracles)
     assert store.find("judge/ab/key").info == {"runs": [[0, "pass"], [1, "pass"]], "causes": []}
     assert [verdict.run_index for verdict in read_verdicts(store.read("judge/ab/key", work.VERDICTS))] == [0, 1]
@@ -142,7 +142,13 @@ def test_oracle_that_cannot_be_unpickled_is_reported(store, simulate):
     work.execute(store, "execute/ab/key", SCENARIO, 0, 1, 0)
     work.observe(store, "execute/ab/key/0-1", "observe/ab/key", SCENARIO)
     answer = answered(
-        work.judge, store, "execute/ab/key/0-1", "observe/ab/key", "judge/ab/key", SCENARIO, LocalPickle(b"junk")
+        work.judge,
+        store,
+        "execute/ab/key/0-1",
+        "observe/ab/key",
+        "judge/ab/key",
+        SCENARIO,
+        partial(pickle.loads, b"junk"),
     )
     assert isinstance(answer, Broken)
 
@@ -164,7 +170,7 @@ def test_unusable_store_is_an_error(store):
 
 def test_whole_unit_goes_through_all_stages(store, simulate):
     simulate(breaking={1})
-    keys, oracles = Keys("numeric", "e", "o", "j", 0, []), LocalPickle(pickle.dumps(oracles_of([])))
+    keys, oracles = Keys("numeric", "e", "o", "j", 0, []), partial(oracles_of, [])
     computed = work.compute(store, keys, "checked", SCENARIO, 0, 4, oracles)
     assert (sorted(computed.simulated_s), list(computed.broken), computed.later) == ([0, 2, 3], [1], ())
     assert [each.key.partition("/")[0] for each in computed.artifacts] == ["execute", "observe", "judge"] * 2
@@ -175,5 +181,7 @@ def test_whole_unit_goes_through_all_stages(store, simulate):
 def test_whole_unit_names_stage_that_broke(store, simulate):
     simulate()
     keys = Keys("numeric", "e", "o", "j", 0, [])
-    ((stage, block, broken),) = work.compute(store, keys, "checked", SCENARIO, 0, 2, LocalPickle(b"junk")).later
+    ((stage, block, broken),) = work.compute(
+        store, keys, "checked", SCENARIO, 0, 2, partial(pickle.loads, b"junk")
+    ).later
     assert (stage, block, broken.error.partition(":")[0]) == ("judge", (0, 2), "UnpicklingError")
