@@ -302,18 +302,23 @@ class KeptRows:
             files = {name: self._store.load(artifact, name) for name in artifact.files}
         except Lost:
             return None
+        hashed, _, logs = (self._store.beside(key, _LOGS) or b"").partition(b"\n")
+        if entry_of(logs).sha256.encode() != hashed:
+            return None
         runs, verdicts = (pa.ipc.open_stream(files[name]).read_all() for name in (_RUNS, _VERDICTS))
         behaviors = pa.ipc.open_stream(files[BEHAVIORS]).read_all() if BEHAVIORS in files else None
         counted = {(oracle, judgement): count for oracle, judgement, count in artifact.info["counted"]}
-        return Rows(runs, verdicts, behaviors, files[_LOGS], counted, artifact.info["stood_still"])
+        return Rows(runs, verdicts, behaviors, logs, counted, artifact.info["stood_still"])
 
     def put(self, key: str, rows: Rows) -> None:
         """Keep the rows of a part."""
-        files = {_RUNS: _stream(rows.runs), _VERDICTS: _stream(rows.verdicts), _LOGS: rows.logs}
+        files = {_RUNS: _stream(rows.runs), _VERDICTS: _stream(rows.verdicts)}
         if rows.behaviors is not None:
             files[BEHAVIORS] = _stream(rows.behaviors)
         counted = [[oracle, judgement, count] for (oracle, judgement), count in rows.counted.items()]
-        self._store.put(key, files, {"counted": counted, "stood_still": rows.stood_still})
+        # Times and hosts of runs follow from no key, so they are beside the artifact, with their own digest.
+        logs = entry_of(rows.logs).sha256.encode() + b"\n" + rows.logs
+        self._store.put(key, files, {"counted": counted, "stood_still": rows.stood_still}, {_LOGS: logs})
 
 
 def _stream(table: pa.Table) -> bytes:

@@ -85,11 +85,21 @@ def test_part_with_a_fault_has_no_key(store, result):
     assert KeptRows(store, ORACLES).key([(configuration(1), result(), 2), (configuration(2), broken, 2)]) is None
 
 
-def test_damaged_rows_are_gone(store, result):
+def test_equal_rows_are_equal_artifacts_whenever_runs_took_place(store, result):
+    kept, own = KeptRows(store, ORACLES), configuration(1)
+    made = rows_of([(own, result())], {own.name: 2}, ORACLES)
+    for key, logs in (("rows/aa/a", b'{"wall_s": 1}\n'), ("rows/aa/b", b'{"wall_s": 2}\n')):
+        kept.put(key, dataclasses.replace(made, logs=logs))
+        assert kept.find(key).logs == logs
+    assert store.find("rows/aa/a").content == store.find("rows/aa/b").content
+
+
+@pytest.mark.parametrize("name", ["runs.arrow", "logs.jsonl"])
+def test_damaged_rows_are_gone(store, result, name):
     kept, own = KeptRows(store, ORACLES), configuration(1)
     key = kept.key([(own, result(), 2)])
     kept.put(key, rows_of([(own, result())], {own.name: 2}, ORACLES))
-    file = store.local / key / "runs.arrow"
+    file = store.local / key / name
     file.write_bytes(file.read_bytes()[:-1] + b"?")
     assert kept.find(key) is None
 
