@@ -7,8 +7,8 @@ from vastflow.tasks.engine.evaluation import PackedProducer
 from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.engine.instantiation import Evaluation
 
-MOST_TASK_RUNS: Final = 200
-"""Task runs of one stage that are aimed at: Prefect's recorder loses rows silently in the thousands."""
+MOST_TASK_RUNS: Final = 100
+"""Maximum number of task runs of a stage: Prefect's recorder loses rows silently in the thousands."""
 
 
 class Shard:
