@@ -74,7 +74,7 @@ class StoredResult:
 
     @property
     def identity(self) -> Value:
-        """All that its rows follow from; None where something is missing or broken."""
+        """Keys and content digests behind its rows; None where something is missing or broken."""
         if self.faults or not all(each.verdicts for each in self._stored):
             return None
         return [
@@ -210,7 +210,8 @@ def rows_of(
     results: Iterable[tuple[Configuration, StoredResult]], runs: Mapping[str, int], oracles: Sequence[str]
 ) -> Rows:
     """Make the rows of the first `runs` runs of each configuration; few results are in memory at a time."""
-    run_parts, verdict_parts, behaviors, logs = [], [], [], b""
+    run_parts, verdict_parts, behaviors = [], [], []
+    logs: list[bytes] = []
     counted: Counter[tuple[str | None, Judgement]] = Counter()
     faults: list[RunFault] = []
     stood_still = 0
@@ -232,13 +233,13 @@ def rows_of(
         own = read_behaviors(blocks[0]) if found.exact and blocks else behaviors_below(blocks, wanted_runs)
         if own is not None:
             behaviors.append(own.add_column(0, CONFIGURATION, texts([configuration.name] * own.num_rows)))
-        logs += b"".join(_log_lines(configuration.name, found.logs))
+        logs += _log_lines(configuration.name, found.logs)
         faults += found.faults
     return Rows(
         column_table(JUDGED_RUNS, run_parts),
         column_table(VERDICTS, verdict_parts),
         pa.concat_tables(behaviors).combine_chunks() if behaviors else None,
-        logs,
+        b"".join(logs),
         counted,
         stood_still,
         faults,

@@ -50,7 +50,7 @@ class Executor(Protocol):
 
     @property
     def closed(self) -> bool:
-        """True if it takes no more units."""
+        """True once no more units can be submitted."""
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, priority: Priority) -> "Future[Any]":
         """Queue a call of a module-level function; a canceled call that has not begun never runs.

@@ -114,7 +114,7 @@ def test_gc_by_age_deletes_only_older_artifacts(ran, store):
     assert not keys_in(store) & old
 
 
-def test_gc_deletes_rows_that_are_a_day_old(ran, store):
+def test_gc_deletes_rows_after_a_day(ran, store):
     kept, key = ran(), f"rows/ab/{'ab' * 32}"
     store.put(key, {"content": b"x"})
     assert reported("gc", "--keep", kept)["keys"] == []

@@ -164,7 +164,7 @@ def test_unusable_store_or_cluster_ends_everything_without_fault(engine, pool, k
     assert engine.faults == ()
 
 
-def test_task_run_that_is_interrupted_ends_as_cancelled():
+def test_interrupted_task_run_ends_as_cancelled():
     from vastflow.tasks.prefect import stages
 
     def execute(configurations):

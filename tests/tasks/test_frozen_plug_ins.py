@@ -97,7 +97,7 @@ HELPERS = {
 
 @pytest.fixture(params=HELPERS.values(), ids=HELPERS.keys())
 def helped(request, home):
-    """An oracle whose limit, 1, stands in a file beside it."""
+    """An oracle that reads its limit, 1, from a file beside it."""
     top, limit, name = request.param
     for file, text in {
         "lib/__init__.py": "",

@@ -154,7 +154,7 @@ def test_job_for_a_closed_pool_ends_at_once():
         pool.submit(square, 2, priority=Priority.JUDGE).result(60)
 
 
-def test_workers_end_with_a_parent_that_is_killed(tmp_path):
+def test_workers_end_with_a_killed_parent(tmp_path):
     script = tmp_path / "script.py"  # without a __main__ guard
     script.write_text(
         textwrap.dedent("""
