@@ -33,8 +33,7 @@ class S3Server:
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        options = ["--config", os.devnull, "--cache-dir", str(self._folder / "cache"), "--vfs-cache-mode", "writes"]
-        options += ["--addr", f"127.0.0.1:{self.port}", "--auth-key", f"{KEY_ID},{SECRET}"]
+        options = ["--config", os.devnull, "--addr", f"127.0.0.1:{self.port}", "--auth-key", f"{KEY_ID},{SECRET}"]
         with open(self._folder / "log", "ab") as log:
             self._process = subprocess.Popen(
                 [self._binary, "serve", "s3", *options, self._remote], stdin=subprocess.DEVNULL, stdout=log, stderr=log
