@@ -21,6 +21,7 @@ from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, trace_of
 from vastflow.oracles.results.executed import KeptFiles, configuration_row, recordings_of, scenario_of_row
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
+from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.rates import TICK_S
@@ -43,19 +44,6 @@ SIGNALS: Final[Sequence[tuple[str, str, Mapping[str, str]]]] = (
     ("Off the reference path", "m", {"deviation_mm": ""}),
 )
 """Title, unit, and lines of the plots below the map; the lines are stored columns of thousandths."""
-
-ERRORS: Final[Mapping[int, str]] = {
-    103: "invalid path",
-    104: "patience exceeded",
-    105: "failed to make progress",
-    203: "start outside map",
-    204: "goal outside map",
-    205: "start occupied",
-    206: "goal occupied",
-    207: "timeout",
-    208: "no valid path",
-}
-"""Nav2's codes and names; planning through poses has those of planning to a pose, 100 higher."""
 
 NO_POINTS: Final = np.empty((0, 2))
 FREE, WALL, UNKNOWN = 0, 1, 2
@@ -201,29 +189,8 @@ def _path(t_ms: NDArray[np.int32], values: NDArray[np.int32]) -> str:
 
 def _event_rows(events: Iterable[Event]) -> Iterator[dict[str, Any]]:
     for event in events:
-        if (text := _words(event)) is not None:
+        if (text := event_words(event)) is not None:
             yield {"t_s": event.t_s, "kind": event.kind, "x_m": event.x_m, "y_m": event.y_m, "text": text}
-
-
-def _words(event: Event) -> str | None:
-    """Return an event in a few words; None for others, such as each move of an obstacle."""
-    # The words of `vastflow.oracles.replay.story` would import the simulator's kernels.
-    match event.kind:
-        case "contact":
-            return f"contact with {event.what} at {event.value:.2f} m/s"
-        case "plan_failed" | "control_failed":
-            code = int(event.what)
-            name = ERRORS.get(code - 100 if code >= 300 else code, "unknown error")
-            return f"{'planner' if event.kind == 'plan_failed' else 'controller'} failed: {name} ({code})"
-        case "goal_reached" | "goal_missed":
-            return f"goal {int(event.what) + 1} {'reached' if event.kind == 'goal_reached' else 'given up'}"
-        case "spawned" | "deleted":
-            return f"{event.what} {'appears' if event.kind == 'spawned' else 'disappears'}"
-        case "stopped_by_monitor":
-            return "stopped by the collision monitor"
-        case "recovery" | "stood_still":
-            return f"{event.kind.replace('_', ' ')}: {event.what}"
-    return None
 
 
 def scenario_spans(behaviors: Columns, end_s: float) -> Iterator[dict[str, Any]]:

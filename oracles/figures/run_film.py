@@ -18,6 +18,7 @@ from vastflow.oracles.figures.case_figure import CROSS, Case, case_figure
 from vastflow.oracles.figures.style import COLORS, INK, LINE, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK, place
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
+from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.recording import Event, Recording
 
 MOST_PICTURES: Final = 80
@@ -30,14 +31,7 @@ _STRIP_IN: Final = 0.37
 _LEAST_RADIUS_IN: Final = 0.035
 _SAID_S: Final = 2.5
 """Simulated time for which an event is told."""
-_TOLD: Final = {
-    "contact": "touches {}",
-    "recovery": "recovery: {}",
-    "spawned": "{} appears",
-    "deleted": "{} disappears",
-    "stopped_by_monitor": "stopped by the collision monitor",
-    "goal_missed": "a goal given up",
-}
+_TOLD: Final = ("contact", "recovery", "spawned", "deleted", "stopped_by_monitor", "goal_missed")
 _TICKS: Final = {"contact": COLORS["fail"], "recovery": ESTIMATE_COLOR}
 
 
@@ -154,5 +148,5 @@ class _Strip:
         self._bar.set_width(t_s)
         self._clock.set_text(f"{t_s:.1f} s")
         past = [event for event in self._events if event.kind in _TOLD and 0.0 <= t_s - event.t_s <= _SAID_S]
-        self._told.set_text(_TOLD[past[-1].kind].format(past[-1].what) if past else f"of {self._end_s:.1f} s")
+        self._told.set_text(event_words(past[-1]) if past else f"of {self._end_s:.1f} s")
         self._told.set_color(COLORS["fail"] if past else SOFT_INK)

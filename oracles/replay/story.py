@@ -14,8 +14,7 @@ from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_extent_m
 from vastflow.oracles.figures.style import COLORS
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.replay.bands import SLOW_S
-from vastflow.sim.loop.simulation import REASONS
-from vastflow.sim.loop.standstill import told
+from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
@@ -58,28 +57,6 @@ def numbers(moment: Moment) -> str:
     # + 0.0 turns the -0.00 of a robot that is pushed out of a wall into 0.00.
     speed = f"{round(moment.speed_mps, 2) + 0.0:.2f} m/s{turning}"
     return f"{speed} · localization {moment.error_m * 100:.0f} cm off · {recoveries}"
-
-
-def happening(event: Event) -> str | None:
-    """An event in a few words; None for minor ones."""
-    match event.kind:
-        case "contact":
-            return f"touches {event.what} at {event.value:.2f} m/s"
-        case "spawned":
-            return f"{event.what} appears"
-        case "deleted":
-            return f"{event.what} disappears"
-        case "recovery":
-            return f"recovery: {event.what}"
-        case "plan_failed" | "control_failed":
-            return REASONS.get(int(event.what), f"error {event.what}").partition(" (")[0]
-        case "goal_reached" | "goal_missed":
-            return f"goal {int(event.what) + 1} {'reached' if event.kind == 'goal_reached' else 'given up'}"
-        case "stopped_by_monitor":
-            return "stopped by the collision monitor"
-        case "stood_still":
-            return told(event).partition(": ")[2]
-    return None
 
 
 FRAMES: Final = 12
@@ -212,7 +189,8 @@ class Story:
     def happenings(self, after: int, until: int) -> list[str]:
         """Distinct happenings after tick `after` up to tick `until`."""
         events = [e for e in self.run.events if after < tick_of(e) <= until]
-        return list(dict.fromkeys(text for event in events if (text := happening(event))))
+        found = (text.partition(" (")[0] for event in events if (text := event_words(event)))  # without Nav2's names
+        return list(dict.fromkeys(found))
 
     @cached_property
     def known(self) -> Box:

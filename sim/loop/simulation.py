@@ -4,30 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from vastflow.sim.loop.closed_loop import ClosedLoop
+from vastflow.sim.loop.event_words import REASONS
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Columns
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator.state import ABORTED, RUNNING, SUCCEEDED
-
-REASONS: Final[Mapping[int, str]] = {
-    103: "the plan led out of the local costmap (INVALID_PATH)",
-    104: "the controller found no valid command (PATIENCE_EXCEEDED)",
-    105: "no progress (FAILED_TO_MAKE_PROGRESS)",
-    203: "the robot is outside the map (START_OUTSIDE_MAP)",
-    204: "the goal is outside the map (GOAL_OUTSIDE_MAP)",
-    205: "the robot stands where no path can begin (START_OCCUPIED)",
-    206: "the goal lies in an obstacle (GOAL_OCCUPIED)",
-    207: "the planner searched too long (TIMEOUT)",
-    208: "no path to the goal (NO_VALID_PATH)",
-    303: "the robot is outside the map (START_OUTSIDE_MAP)",
-    304: "a goal is outside the map (GOAL_OUTSIDE_MAP)",
-    305: "the robot stands where no path can begin (START_OCCUPIED)",
-    306: "a goal lies in an obstacle (GOAL_OCCUPIED)",
-    307: "the planner searched too long (TIMEOUT)",
-    308: "no path through the goals (NO_VALID_PATH)",
-}
-"""Nav2's error codes, in words."""
-
 
 COLUMNS_OF: Final[Mapping[str, str]] = {
     "/amcl_pose": "covariance_",

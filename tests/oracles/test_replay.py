@@ -22,6 +22,7 @@ from vastflow.oracles.replay import still, story
 from vastflow.oracles.replay.bands import bands
 from vastflow.oracles.replay.close_up import BELIEF_COLOR, draw_close_up, ground
 from vastflow.oracles.replay.story import FOLLOWED_M, Story, view_of
+from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
@@ -274,7 +275,7 @@ def test_doing_and_numbers_give_ending_and_motion():
         ("contact", "wall", 0.314, "touches wall at 0.31 m/s"),
         ("spawned", "box 3", 0.2, "box 3 appears"),
         ("deleted", "box 3", 0.0, "box 3 disappears"),
-        ("plan_failed", "208", 0.0, "no path to the goal"),
+        ("plan_failed", "208", 0.0, "no path to the goal (NO_VALID_PATH)"),
         ("control_failed", "999", 0.0, "error 999"),
         ("goal_reached", "1", 0.0, "goal 2 reached"),
         ("goal_missed", "0", 0.0, "goal 1 given up"),
@@ -282,7 +283,7 @@ def test_doing_and_numbers_give_ending_and_motion():
     ],
 )
 def test_events_are_described_in_words(kind, what, value, words):
-    assert story.happening(Event(1.0, kind, 0.0, 0.0, what, value)) == words
+    assert event_words(Event(1.0, kind, 0.0, 0.0, what, value)) == words
 
 
 def test_tick_of_contact_is_after_it():

@@ -8,7 +8,8 @@ from typing import Any, Final
 
 from py_trees.common import Status
 
-from vastflow.sim.loop.simulation import REASONS, Simulation
+from vastflow.sim.loop.event_words import REASONS
+from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission

@@ -1,6 +1,5 @@
 """Packed replies, and the frames of stored runs against the recordings they are made of."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,6 @@ from synthetic import SyntheticCampaign, a_recording, box_at, walled_room, write
 from unpacked import unpacked
 
 from vastflow.deployments.explorer.frames import (
-    ERRORS,
     FREE,
     NO_POINTS,
     UNKNOWN,
@@ -24,7 +22,6 @@ from vastflow.deployments.explorer.frames import (
 from vastflow.deployments.explorer.packed import packed
 from vastflow.oracles.observation.trace import NOWHERE_MM
 from vastflow.oracles.results.unusable import UnusableDirectory
-from vastflow.sim.loop.simulation import REASONS
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.model.scenario import Scenario
@@ -111,20 +108,14 @@ def test_frames_hold_map_start_goals_and_reference(directory: Path):
 def test_frames_hold_events_and_moves_of_obstacles(directory: Path):
     header, _ = unpacked(frames_of(stored_run(directory, "office-1", 0), "office-1"))
     assert [(event["t_s"], event["kind"], event["text"]) for event in header["events"]] == [
-        (0.5, "plan_failed", "planner failed: no valid path (208)"),
+        (0.5, "plan_failed", "no path to the goal (NO_VALID_PATH)"),
         (0.5, "recovery", "recovery: spin"),
-        (1.25, "contact", "contact with box_3_2.5 at 0.20 m/s"),
+        (1.25, "contact", "touches box_3_2.5 at 0.20 m/s"),
         (3.0, "goal_reached", "goal 1 reached"),
     ]
     (box,) = header["obstacles"]
     assert box["places"] == [[-0.001, 3.0, 2.5, 0.0], [1.2, 3.1, 2.5, 0.1]]
     assert header["activities"] == [[0.0, 4.0, "driving"]]
-
-
-def test_error_names_are_those_of_the_simulator():
-    names = {code: re.findall(r"\((\w+)\)", words)[0].replace("_", " ").lower() for code, words in REASONS.items()}
-    assert {code: name for code, name in names.items() if code < 300} == ERRORS
-    assert {code - 100: name for code, name in names.items() if code >= 300}.items() <= ERRORS.items()
 
 
 def test_frames_of_duplicate_are_those_of_its_original(directory: Path):

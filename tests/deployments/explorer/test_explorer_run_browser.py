@@ -160,7 +160,7 @@ def test_run_page_shows_moment_of_its_address(page: Page):
     assert page.color_at(0.01, 2.0) == [58, 63, 71]
     red, green, blue = page.color_at(3.5, 2.6)
     assert red > green + 30 < blue + 20  # the obstacle
-    assert "contact with box at 0.20 m/s" in page.text(".events")
+    assert "touches box at 0.20 m/s" in page.text(".events")
     assert page.text("h1") == f"{NAME}, run 0"
     assert "stuck" in page.text(".panels")
 
