@@ -25,9 +25,10 @@ from vastflow.oracles.results.executed import KeptFiles, configuration_row, scen
 from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, PASS
 from vastflow.oracles.results.unusable import reading
 from vastflow.oracles.statistics.intervals import Counts
+from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.blocks import read_block, read_rows
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.model.recording import run_of
+from vastflow.sim.model.recording import Event, run_of
 
 TIME: Final = "t_s"
 DISTANCE: Final = "distance_m"
@@ -82,7 +83,9 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
         values = {name: table.value(name, at) for name in names}
         runs.append({"run": run, "verdict": JUDGEMENTS[int(table.verdict[at])], "recorded": run in rows, **values})
         found = rows.get(run, {}).get("events", [])
-        events += [{"run": run, **{key: each[key] for key in ("t_s", "kind", "x_m", "y_m", "what")}} for each in found]
+        for each in found:
+            if (text := event_words(Event(**each))) is not None:
+                events.append({"run": run, **{key: each[key] for key in ("t_s", "kind", "x_m", "y_m")}, "text": text})
     counts = Chosen(table, np.ones(len(table), dtype=np.bool_)).counts
     passed, failed, not_judged = counts[k].tolist()
     return {
