@@ -57,7 +57,8 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         directory = opened.find(name_of(request, "c"))
         if directory.state == "running":
             return RedirectResponse(address("/live", c=directory.id), 303)
-        return pages.page(request, "campaign.html.j2", campaign=opened.of(directory.id).directory)
+        opened.of(directory.id)  # or an error says why it has no page
+        return pages.page(request, "campaign.html.j2", campaign=directory)
 
     def view(name: str, made: View) -> Callable[[Request], Response]:
         def answer(request: Request) -> Response:
