@@ -218,12 +218,12 @@ class DaskCluster:
                 self._fail(error)
                 return
             except Exception as error:  # noqa: BLE001 - whatever a network raises
-                if time.monotonic() > deadline_s:
-                    self._fail(ClusterError(f"{self._away(error)}; it did not come back within {AWAY_S:.0f} s"))
-                    return
                 if not told:
                     told = True
                     self._notice(f"{self._away(error)}; waiting up to {AWAY_S:.0f} s")
+                if time.monotonic() > deadline_s:
+                    self._fail(ClusterError(f"{self._away(error)}; it did not come back within {AWAY_S:.0f} s"))
+                    return
                 time.sleep(_WATCH_S)
                 continue
             with self._lock:

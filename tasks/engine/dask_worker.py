@@ -30,6 +30,8 @@ from vastflow.tasks.store.store import Store, StoreError, store_address
 
 _PREPARING: Final = threading.Lock()
 """Threads of one worker: a cached function that two call at once is called twice."""
+_READING: Final = threading.Lock()
+"""The same; and before Python 3.11.8 and 3.12.2, source that two threads parse at once may raise SystemError."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +59,14 @@ class OtherCode:
     code: str
 
 
-@functools.lru_cache(maxsize=1)
 def own_code() -> tuple[str, SourceFiles]:
     """Return the digest of all that runs, traces, and verdicts follow from here, and its files."""
+    with _READING:
+        return _own_code()
+
+
+@functools.lru_cache(maxsize=1)
+def _own_code() -> tuple[str, SourceFiles]:
     tree = installed_tree()
     files = tree.files()
     stages = (tree.digest(*each) for each in (EXECUTE_SOURCE, OBSERVE_SOURCE, JUDGE_SOURCE))
@@ -88,8 +95,11 @@ def shared_value(place: str, sha256: str) -> Any:
 def run_unit(message: bytes) -> Any:
     """Run a unit on a worker."""
     received: Message = pickle.loads(message)
+    worker = distributed.get_worker()
+    if worker.state.tasks[worker.active_threads[threading.get_ident()]].state == "cancelled":
+        return None  # before it had a thread that could be interrupted
     if (own := own_code()[0]) != received.code:
-        return OtherCode(distributed.get_worker().address, own)
+        return OtherCode(worker.address, own)
     if received.before is not None:
         _prepared(received.before, received.place)
     function, *arguments = received.unit.opened(_store(received.place))

@@ -200,7 +200,7 @@ def test_tests_of_pages_pass(folder):
     tests = [block.about for block in FILES if block.about.startswith("test_")]
     assert len(tests) == 4
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", str(folder), *tests]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout
 
 

@@ -3,12 +3,13 @@
 import json
 import os
 import signal
+import threading
 import time
 from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import pytest
-from asleep import sleepers
+from asleep import gated, sleepers
 from command_line import called, refused
 
 from vastflow.flows.request.run_request import RunRequest
@@ -228,20 +229,22 @@ def test_lines_name_runs_that_did_not_pass():
 
 @pytest.fixture
 def asleep(tmp_path, prefect_home):
-    """Starts a campaign whose runs sleep, in a process of its own, and waits for its first run."""
-    commands = [f"sleep 1.0{k}" for k in range(6)]
+    """Starts a campaign at a gate in its own process, and waits for its first run."""
+    commands = [f"{gated(tmp_path, 2)} {k}" for k in range(6)]  # a unit has one or two runs
     with sleepers(tmp_path, prefect_home(tmp_path / "prefect"), commands, runs=2, workers=1) as begun:
 
         def start(results):
             before = {*unfinished(tmp_path / results)}
+            (tmp_path / "begun").unlink(missing_ok=True)
             process = begun(results)
-            deadline_s = time.monotonic() + 120
+            deadline_s = time.monotonic() + 240
             while process.poll() is None and time.monotonic() < deadline_s:
                 for place in {*unfinished(tmp_path / results)} - before:
                     if any(event.event == "executed" for event in EventReader(place).new()):
                         return process, place
                 time.sleep(0.1)
-            raise AssertionError(process.communicate(timeout=10)[0])
+            process.kill()
+            raise AssertionError(process.communicate()[0])
 
         yield start
 
@@ -252,25 +255,26 @@ def test_running_campaign_is_followed_stopped_killed_and_resumed(asleep, tmp_pat
     process, place = asleep("one")
     assert is_running(place)
     ask_to_stop(place, "wrong noise")
-    said, _ = process.communicate(timeout=30)
+    said, _ = process.communicate(timeout=120)
     assert process.returncode == 130 and "stopped: wrong noise; `vastflow" in said.splitlines()[-1]
     assert events_in(place)[-1].values["reason"] == "wrong noise" and not is_running(place)
 
     process, place = asleep("two")
     process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=30)
+    process.communicate(timeout=120)
     assert (process.returncode, events_in(place)[-1].values["reason"]) == (130, "interrupted")
 
     process, place = asleep("three")
     process.kill()
-    process.communicate(timeout=30)
+    process.communicate(timeout=120)
     assert not is_running(place) and [event.event for event in events_in(place)][-1] not in ("stopped", "ended")
     shown = called("show", "--follow", place)
     assert (shown.exit_code, shown.stdout.split(" stopped: ")[1]) == (130, "its process is gone\n")
 
     process, place = asleep("two")
+    threading.Timer(10.0, (tmp_path / "go").touch).start()
     shown = called("show", "--follow", tmp_path / "two")
-    said, _ = process.communicate(timeout=60)
+    said, _ = process.communicate(timeout=120)
     assert (process.returncode, shown.exit_code) == (0, 0), said
     assert shown.stdout.startswith("12 passed, 0 failed, 0 not judged\nreport: ")
     found = [event for event in events_in(place) if event.event == "verdicts"]

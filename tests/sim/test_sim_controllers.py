@@ -238,5 +238,5 @@ def test_parameters_of_built_in_controllers_are_read_without_numba_and_scipy():
         "print([type(parameters_of({'controller': name}).controller).__name__ for name in ('dwb', 'mppi', 'rpp')]); "
         "print(*{'numba', 'scipy', 'llvmlite'} & sys.modules.keys())"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=True)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=240, check=True)
     assert done.stdout.splitlines() == ["['DwbParameters', 'MppiParameters', 'RppParameters']", ""]

@@ -170,7 +170,7 @@ def test_kernels_without_checks_are_not_taken_where_indices_are_checked(tmp_path
     for checked in ("0", "1", "0"):
         environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_BOUNDSCHECK": checked}
         command = [sys.executable, file]
-        ended = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=120)
+        ended = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=600)
         said.append(ended.stderr.splitlines()[-1:])
     assert said == [[], ["IndexError: index is out of bounds"], []]
 

@@ -77,6 +77,13 @@ def until_printed(group, text=b"ready"):
         time.sleep(0.005)
 
 
+def until_marked(mark, number):
+    until_s = time.monotonic() + 60
+    while len(set(marked(mark))) != number:  # one that becomes another program just now has no environment to read
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+
+
 @each_row(
     ("script", "failure"),
     [
@@ -123,13 +130,12 @@ def test_program_that_ignores_sigterm_is_killed_after_its_time(started):
 
 def test_children_in_sessions_of_their_own_end_with_a_program_or_after_it(started, mark):
     stays = started(FORKS, "stay")
-    until_printed(stays)
-    assert len(set(marked(mark))) == 3
+    until_marked(mark, 3)
     stays.stop(timeout_s=5)
     assert list(marked(mark)) == []
     leaves = started(FORKS)
     assert leaves.wait(120) == ""
-    assert len(set(marked(mark))) == 2
+    until_marked(mark, 2)
     leaves.stop()
     assert (leaves.failure, list(marked(mark))) == ("", [])
 
@@ -150,7 +156,7 @@ def test_children_in_the_group_have_time_to_end_in_order(started, tmp_path):
     )
     group = started(f"import subprocess, sys; subprocess.run([sys.executable, '-c', {child!r}])")
     until_printed(group)
-    group.stop(timeout_s=10)
+    group.stop(timeout_s=60)
     assert (tmp_path / "saved").exists()
 
 
@@ -201,10 +207,7 @@ with process_run(ProcessSetup()) as run:
         env={**os.environ, "VASTFLOW_RUN": mark, "TMPDIR": str(tmp_path)},
     )
     assert parent.stdout.readline() == b"ready\n"
-    until_s = time.monotonic() + 60
-    while len(set(marked(mark))) != 4:  # one that becomes another program just now has no environment to read
-        assert time.monotonic() < until_s
-        time.sleep(0.01)
+    until_marked(mark, 4)
     assert len(list(tmp_path.glob("vastflow-run-*"))) == 1
     parent.kill()
     parent.wait()

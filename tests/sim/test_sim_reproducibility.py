@@ -92,7 +92,7 @@ def test_run_in_a_new_process_is_the_same_bytes(scenario, controller):
         input=json.dumps(task),
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
         check=True,
     )
     assert found.stdout.strip() == hashlib.sha256(write_recordings([run(noisy, 1, 5)])).hexdigest()

@@ -13,7 +13,7 @@ configuration:
 - name: asleep
   variations:
   - ParameterVariationList: {name: command, values: COMMANDS}
-execution: {scenario_file: asleep.osc, runs: RUNS, timeout: 60}
+execution: {scenario_file: asleep.osc, runs: RUNS, timeout: 300}
 """
 SCENARIO = """\
 import osc.helpers
@@ -33,7 +33,7 @@ search:
   per_batch: 4
   budget: [{batches: 2}]
   confirm: 0
-execution: {scenario_file: sleep.osc, runs: 1, timeout: 60}
+execution: {scenario_file: sleep.osc, runs: 1, timeout: 300}
 """
 SLEEP_X = """
 import osc.helpers
@@ -44,6 +44,12 @@ scenario sleep_x:
         run_process('sleep ' + x)
 """
 END_S = 240
+
+
+def gated(folder, first=0):
+    """A command that ends at once for the first calls, and later when the folder has a file `go`."""
+    begun, go = folder / "begun", folder / "go"
+    return f"sh -c 'echo >> {begun}; until test -e {go} || test $(wc -l < {begun}) -le {first}; do sleep 0.1; done'"
 
 
 def wait_until(condition):

@@ -11,7 +11,7 @@ import time
 import psutil
 import pyarrow.parquet as pq
 import pytest
-from asleep import SLEEP_X, SLEEPING_SEARCH, wait_until
+from asleep import SLEEP_X, SLEEPING_SEARCH, gated, wait_until
 from room import SHORT_DRIVES, drawn_room
 
 from vastflow.flows import run_campaign
@@ -260,7 +260,7 @@ def test_worker_that_dask_pauses_for_memory_loses_nothing(cluster, programs, tmp
     file.write_text(file.read_text() + oracles)
     found = run(file, tmp_path, cluster)
     assert (found.summary.passed, found.faults) == (8, ())
-    assert executed(tmp_path) == list(range(8))
+    assert sorted(set(executed(tmp_path))) == list(range(8))
     said = (cluster.folder / "log").read_text()
     assert "Pausing worker" in said and "Resuming worker" not in said
 
@@ -321,10 +321,9 @@ def test_ctrl_c_frees_the_cluster_within_seconds(cluster, programs, tmp_path):
         _, said = campaign.communicate(timeout=240)
     assert campaign.returncode == 130
     assert "interrupted; `vastflow run " in said
-    time.sleep(5)
-    before = executed(tmp_path)
-    time.sleep(4)
-    assert executed(tmp_path) == before
+    # The worker may be at one that it was just given, but not at the next: six seconds are three of them.
+    wait_until(lambda: executed(tmp_path) == (time.sleep(6) or executed(tmp_path)))
+    assert len(executed(tmp_path)) < 12
     found = run(file, tmp_path, cluster)
     assert (found.summary.passed, found.faults) == (12, ())
     assert len(executed(tmp_path)) <= 12 + 2  # what was in flight
@@ -350,7 +349,7 @@ def api(started_api, tmp_path_factory):
 
 
 def test_interrupted_search_resumes_in_batch(api, tmp_path):
-    (tmp_path / "sleep.osc").write_text(SLEEP_X)
+    (tmp_path / "sleep.osc").write_text(SLEEP_X.replace("'sleep '", f'"{gated(tmp_path, 4)} "'))
     file = tmp_path / "asleep.vast"
     file.write_text(SLEEPING_SEARCH)
     options = ["--results", tmp_path / "results", "--store", tmp_path / "store", "--workers", "1"]
@@ -365,6 +364,7 @@ def test_interrupted_search_resumes_in_batch(api, tmp_path):
         campaign.send_signal(signal.SIGINT)
         _, said = campaign.communicate(timeout=240)
     assert campaign.returncode == 130, said
+    (tmp_path / "go").touch()
     found = run_campaign(file, results=tmp_path / "results", store=tmp_path / "store", workers=1)
     assert (found.summary.passed, found.faults) == (8, ()) and found.summary.reused >= 4
     assert sorted(run.name for run in batches()) == [

@@ -13,6 +13,8 @@ from vastflow.tasks.prefect.server import ApiServer, PrefectUnavailable, embedde
 
 pytestmark = pytest.mark.timeout(900)
 
+API_S = 90
+
 
 def test_api_ends_with_a_process_that_is_killed(tmp_path):
     script = textwrap.dedent(f"""
@@ -28,7 +30,7 @@ def test_api_ends_with_a_process_that_is_killed(tmp_path):
     finally:
         parent.send_signal(signal.SIGKILL)
         parent.communicate()
-    server.wait(60)
+    server.wait(API_S)
 
 
 def test_api_failing_at_start_is_reported_with_log(tmp_path):
@@ -100,7 +102,7 @@ def test_embedded_api_requires_authentication(tmp_path, prefect_home, monkeypatc
     server = ApiServer(tmp_path / "log")
     try:
         foreign = {"Origin": "http://example.com", "Host": "example.com"}
-        answer = httpx.post(f"{server.url()}/flow_runs/filter", json={}, headers=foreign)
+        answer = httpx.post(f"{server.url()}/flow_runs/filter", json={}, headers=foreign, timeout=API_S)
         assert (answer.status_code, answer.headers.get("access-control-allow-origin")) == (401, None)
         with embedded(server.url(), server.auth), get_client(sync_client=True) as client:
             assert client.read_flow_runs() == []

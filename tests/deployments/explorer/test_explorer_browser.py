@@ -13,7 +13,7 @@ from subprocess import Popen
 from typing import TypeAlias
 
 import pytest
-from asleep import sleepers
+from asleep import gated, sleepers
 from chromium import CHROMIUM, Browser, chromium, opened
 
 from vastflow.oracles.results.events import EVENTS, Event, EventReader
@@ -196,9 +196,9 @@ Begin: TypeAlias = Callable[[], Popen[str]]
 def begin(
     request: pytest.FixtureRequest, tmp_path: Path, results: Path, prefect_home: Callable[[Path], Path]
 ) -> Iterator[Begin]:
-    """Begins a real campaign with a run of each command, the first of which fails."""
-    home = prefect_home(tmp_path / "prefect")
-    with sleepers(tmp_path, home, ["sh -c 'sleep 1; exit 3'", *request.param], runs=1, workers=2) as start:
+    """Begins a real campaign with a run that fails, and so many that wait until there is a file `go`."""
+    home, waiting = prefect_home(tmp_path / "prefect"), [f"{gated(tmp_path)} {k}" for k in range(request.param)]
+    with sleepers(tmp_path, home, ["sh -c 'sleep 1; exit 3'", *waiting], runs=1, workers=2) as start:
         yield lambda: start(str(results))
 
 
@@ -213,11 +213,12 @@ def watch(browser: Browser, explorer: str) -> None:
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("begin", [["sleep 7", "sleep 8"]], indirect=True)
-def test_real_campaign_is_watched_to_its_end(browser: Browser, explorer: str, begin: Begin) -> None:
+@pytest.mark.parametrize("begin", [2], indirect=True)
+def test_real_campaign_is_watched_to_its_end(browser: Browser, explorer: str, begin: Begin, tmp_path: Path) -> None:
     process = begin()
     watch(browser, explorer)
     assert process.poll() is None and browser.value("document.getElementById('end').innerText") == ""
+    (tmp_path / "go").touch()
     until(browser, "document.querySelector('#recent .pass')")
     until(browser, "document.getElementById('end').innerText.startsWith('The campaign is finished.')")
     assert "3 of 3" in browser.value("document.getElementById('families').innerText")
@@ -230,7 +231,7 @@ def test_real_campaign_is_watched_to_its_end(browser: Browser, explorer: str, be
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("begin", [["sleep 50"]], indirect=True)
+@pytest.mark.parametrize("begin", [1], indirect=True)
 def test_real_campaign_opens_failed_run_and_is_stopped(
     browser: Browser, explorer: str, begin: Begin, results: Path
 ) -> None:

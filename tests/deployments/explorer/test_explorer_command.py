@@ -13,7 +13,7 @@ from vastflow.flows.cli.__main__ import app
 def test_ui_is_listed_without_importing_a_server():
     code = "import sys; sys.argv = ['vastflow', '--help']\nfrom vastflow.flows.cli.__main__ import main\n"
     code += "try:\n    main()\nfinally:\n    print({'starlette', 'uvicorn', 'numpy'} & {*sys.modules})"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=240, check=False)
     *listed, imported = done.stdout.strip().splitlines()
     assert listed[-1].split(maxsplit=1) == ["ui", "Explore campaigns in the browser."]
     assert imported == "set()"
