@@ -283,7 +283,8 @@ class FamilyReader:
 
     def _check_produced(self, location: Location, producer: Producer[Any], system: Mapping[str, Value]) -> None:
         """Look at the values of a producer that depends on nothing, such as a list of them."""
-        tags = (tag or DIMENSION_OF_KEY.get(key) for key, tag in producer.writes.items())
+        writes = producer.writes  # asks each value of a list
+        tags = (tag or DIMENSION_OF_KEY.get(key) for key, tag in writes.items())
         is_listed = isinstance(producer, ParameterVariationList)
         if producer.reads or ("environment" in tags and not is_listed):  # a floor plan is not built for a look
             return
@@ -291,7 +292,7 @@ class FamilyReader:
         reported: set[tuple[Location, str]] = set()
         for k, fragment in enumerate(fragments):
             for key, value in fragment.values.items() if isinstance(fragment, Fragment) else ():
-                complaint = self._complaint(key, value, dimension_of(key, value, producer.writes.get(key)), system)
+                complaint = self._complaint(key, value, dimension_of(key, value, writes.get(key)), system)
                 where = self._document.known((*location, "values", k))
                 if complaint and (where, complaint[1]) not in reported:
                     reported.add((where, complaint[1]))
