@@ -21,6 +21,7 @@ from vastflow.oracles.statistics.intervals import (
 
 SOUGHT: Final = "search"
 """Family of the points that a search chose."""
+_TEXT: Final = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,11 +170,11 @@ def _lines(value: Any, depth: int = 1) -> Iterator[str]:
     """JSON of `value`, one line for each value three levels deep; an iterator of pairs is an object."""
     if depth > 3 or not isinstance(value, dict | Iterator):
         whole = dict(value) if isinstance(value, Iterator) else value
-        yield json.dumps(whole, ensure_ascii=False, allow_nan=False)
+        yield _TEXT(whole)
         return
     before = "{"
     for key, item in value.items() if isinstance(value, dict) else value:
-        yield f"{before}\n{' ' * depth}{json.dumps(key, ensure_ascii=False)}: "
+        yield f"{before}\n{' ' * depth}{_TEXT(key)}: "
         yield from _lines(item, depth + 1)
         before = ","
     yield "{}" if before == "{" else "\n" + " " * (depth - 1) + "}"

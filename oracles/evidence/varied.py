@@ -29,6 +29,7 @@ _PLACED: Final = "_obstacles"
 """Provenance key of placed obstacles, with which properties of the path are known."""
 _DIGITS: Final = 2
 """Centimeters: less than a cell of a map."""
+_SORTED_TEXT: Final = json.JSONEncoder(sort_keys=True).encode
 _REQUESTED: Final = "_requested_"
 """Prefix of the provenance key of what the campaign file requested for a drawn value."""
 _DRAW: Final = "draw"
@@ -61,7 +62,8 @@ def matched_sets(configurations: ConfigurationTable, chosen: Sequence[int], fact
 
     Values drawn from the factor, such as places of obstacles, may differ; poses may not.
     """
-    keys = [json.dumps(_all_but(configurations, k, factor), sort_keys=True) for k in chosen]
+    abstracts = configurations.table["abstract"].to_pylist()
+    keys = [_SORTED_TEXT([abstracts[k], *_all_but(configurations, k, factor)]) for k in chosen]
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
     return np.array([numbers[key] for key in keys], dtype=np.int64)
 
@@ -79,7 +81,7 @@ def _all_but(configurations: ConfigurationTable, k: int, factor: str) -> list[An
                 del part[key]
     beside = {name: value for name, (_, value) in requested.items() if name != factor}
     worlds = {name: value for name, value in _measured(configurations.provenances[k], WORLD).items() if name != factor}
-    return [content, beside, worlds, configurations.table["abstract"][k].as_py()]
+    return [content, beside, worlds]
 
 
 def _requested(configurations: ConfigurationTable, k: int) -> dict[str, tuple[str, Any]]:
@@ -125,8 +127,8 @@ def path_property_rows(configurations: ConfigurationTable, chosen: Iterable[int]
 
 
 def _measured(provenance: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, float]:
-    found = {name: provenance.get(key) for key, name in names.items()}
-    return {name: round(value, _DIGITS) for name, value in found.items() if isinstance(value, int | float)}
+    found = ((name, provenance.get(key)) for key, name in names.items() if key in provenance)
+    return {name: round(value, _DIGITS) for name, value in found if isinstance(value, int | float)}
 
 
 def named(value: Any, environments: Mapping[str, str]) -> Any:

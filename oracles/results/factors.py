@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 MOST_LEVELS: Final = 12
 BINS: Final = 4
+_text: Final = json.JSONEncoder(sort_keys=True, ensure_ascii=False).encode
 
 Codes = NDArray[np.int64]
 
@@ -130,10 +131,6 @@ def _partition(codes: Codes) -> bytes:
     _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
     renamed: Codes = np.argsort(np.argsort(first))[inverse].astype(np.int64)
     return renamed.tobytes()
-
-
-def _text(value: Any) -> str:
-    return json.dumps(value, sort_keys=True, ensure_ascii=False)
 
 
 def _level_text(value: Any) -> str:
