@@ -75,11 +75,13 @@ def newest(root: Path, name: str) -> Path | None:
     return max(root.glob(f"{directory_name(name)}-????-??-??-??????*"), default=None)
 
 
-def newest_sealed(root: Path, name: str) -> Path | None:
-    """Return the newest directory of a campaign if none of its files changed."""
+def newest_sealed(root: Path, name: str, key: str) -> Path | None:
+    """Return the newest directory of a campaign if it has this report and none of its files changed."""
     directory = newest(root, name)
     try:
-        return directory if directory and read_json(directory / _FILES).items() <= _states(directory).items() else None
+        if directory is None or read_json(directory / "metadata.json").get(KEY) != key:
+            return None
+        return directory if read_json(directory / _FILES).items() <= _states(directory).items() else None
     except (OSError, ValueError, AttributeError):
         return None
 

@@ -133,13 +133,11 @@ def current(run: PreparedCampaign, computing: Computing) -> Results | None:
 
     It costs the same for any number of runs. A campaign with steps of postprocessing has none: what they follow from is not known.
     """
-    directory = newest_sealed(run.delivery.folder, run.name) if run.delivery.address is None else None
-    if directory is None:
+    key = _key(run, computing)
+    directory = newest_sealed(run.delivery.folder, run.name, key) if run.delivery.address is None else None
+    if directory is None or run.store.find(_complete(key)) is None:
         return None
-    metadata, key = read_json(directory / "metadata.json"), _key(run, computing)
-    if metadata.get(KEY) != key or run.store.find(_complete(key)) is None:
-        return None
-    counts = metadata["counts"]
+    counts = read_json(directory / "metadata.json")["counts"]
     oracles = {name: Counts(**each) for name, each in counts["oracles"].items()}
     work = asdict(replace(run.work(), reused=counts["runs"]))
     done = {**counts, **work, "oracles": oracles, "results": str(directory)}

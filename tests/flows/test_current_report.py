@@ -29,7 +29,7 @@ def same_size_and_time(file: Path, old: str, new: str) -> None:
 def sealed(tmp_path):
     directory = tmp_path / "a-2026-01-31-120000"
     (directory / "figures").mkdir(parents=True)
-    (directory / "metadata.json").write_text("{}")
+    (directory / "metadata.json").write_text('{"report": "key"}')
     (directory / "report.html").write_text("<p>7 of 8</p>")
     (directory / "figures" / "rates.png").write_bytes(b"picture")
     seal(directory)
@@ -47,9 +47,9 @@ DAMAGE = {
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
 def test_damaged_directory_is_not_current(sealed, damage):
-    assert newest_sealed(sealed.parent, "a") == sealed
+    assert newest_sealed(sealed.parent, "a", "key") == sealed
     damage(sealed)
-    assert newest_sealed(sealed.parent, "a") is None
+    assert newest_sealed(sealed.parent, "a", "key") is None
 
 
 def test_current_directory_is_newest_of_same_name_moved_or_extended(sealed, tmp_path):
@@ -57,9 +57,9 @@ def test_current_directory_is_newest_of_same_name_moved_or_extended(sealed, tmp_
     (tmp_path / "elsewhere").mkdir()
     sealed = sealed.rename(tmp_path / "elsewhere" / sealed.name)
     (sealed.parent / "a-b-2027-01-31-120000").mkdir()
-    assert newest_sealed(sealed.parent, "a") == sealed
+    assert newest_sealed(sealed.parent, "a", "key") == sealed
     (sealed.parent / "a-2026-01-31-120000-2").mkdir()
-    assert newest_sealed(sealed.parent, "a") is None
+    assert newest_sealed(sealed.parent, "a", "key") is None
 
 
 def files(directory):
