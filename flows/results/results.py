@@ -194,7 +194,8 @@ def _written(
     ):
         whole = result.exact and len(blocks) == 1
         if content := blocks[0] if whole else join(blocks, runs[name]):
-            os.makedirs(f"{place}/{folder}", exist_ok=True)
+            if folder == "outputs":
+                os.makedirs(f"{place}/{folder}", exist_ok=True)
             # pathlib and a buffer take as long as the file system
             with open(f"{place}/{folder}/{name}.{suffix}", "wb", buffering=0) as file:
                 file.write(content)

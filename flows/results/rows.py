@@ -30,7 +30,7 @@ from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.loop.standstill import STOOD_STILL
 from vastflow.sim.model.archive import behaviors_below, read_behaviors
 from vastflow.sim.model.blocks import read_block, read_rows, write_block
-from vastflow.sim.model.digest import Value, digest
+from vastflow.sim.model.digest import digest
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES
 from vastflow.tasks.engine.work import VERDICTS as VERDICTS_FILE
@@ -73,22 +73,12 @@ class StoredResult:
         return self._store.load(artifact, name)
 
     @property
-    def identity(self) -> Value:
+    def identity(self) -> Sequence[str] | None:
         """Keys and content digests behind its rows; None where something is missing or broken."""
         if self.faults or not all(each.verdicts for each in self._stored):
             return None
-        return [
-            [
-                each.block.start,
-                each.block.stop,
-                each.block.key,
-                each.block.content,
-                each.verdicts.key,
-                each.verdicts.content,
-            ]
-            for each in self._stored
-            if each.verdicts
-        ]
+        pairs = [(each.block, each.verdicts) for each in self._stored if each.verdicts]
+        return [f"{block.key} {block.content} {judged.key} {judged.content}" for block, judged in pairs]
 
     @cached_property
     def recordings(self) -> Sequence[bytes]:
@@ -306,10 +296,11 @@ class KeptRows:
         hashed, _, logs = (self._store.beside(key, _LOGS) or b"").partition(b"\n")
         if entry_of(logs).sha256.encode() != hashed:
             return None
-        runs, verdicts = (pa.ipc.open_stream(files[name]).read_all() for name in (_RUNS, _VERDICTS))
-        behaviors = pa.ipc.open_stream(files[BEHAVIORS]).read_all() if BEHAVIORS in files else None
+        options = pa.ipc.IpcReadOptions(use_threads=False)  # to wake them takes longer than to read
+        tables = {name: pa.ipc.open_stream(content, options=options).read_all() for name, content in files.items()}
         counted = {(oracle, judgement): count for oracle, judgement, count in artifact.info["counted"]}
-        return Rows(runs, verdicts, behaviors, logs, counted, artifact.info["stood_still"])
+        stood_still = artifact.info["stood_still"]
+        return Rows(tables[_RUNS], tables[_VERDICTS], tables.get(BEHAVIORS), logs, counted, stood_still)
 
     def put(self, key: str, rows: Rows) -> None:
         """Keep the rows of a part."""
@@ -324,6 +315,6 @@ class KeptRows:
 
 def _stream(table: pa.Table) -> bytes:
     out = io.BytesIO()
-    with pa.ipc.new_stream(out, table.schema, options=pa.ipc.IpcWriteOptions(compression="zstd")) as stream:
+    with pa.ipc.new_stream(out, table.schema, options=pa.ipc.IpcWriteOptions(compression="lz4")) as stream:
         stream.write_table(table)
     return out.getvalue()
