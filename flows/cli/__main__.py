@@ -5,6 +5,7 @@ imported inside the commands.
 """
 
 import gc
+import signal
 import sys
 from importlib.metadata import EntryPoint, entry_points
 from importlib.metadata import version as version_of
@@ -128,6 +129,7 @@ def main() -> None:
         with few_collections():
             app()
     finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C would print tracebacks of Python's own end
         gc.freeze()  # Python looks for garbage once more before it ends, which ends all of it anyway
 
 

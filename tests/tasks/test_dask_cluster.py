@@ -8,6 +8,7 @@ import distributed
 import pytest
 from at_once import AtOnce
 from dask import config
+from distributed.comm import CommClosedError
 from distributed.core import Status
 from distributed.security import Security
 
@@ -15,6 +16,7 @@ from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.plug_ins.effects import Interrupted
 from vastflow.tasks.engine import dask_cluster, dask_worker
 from vastflow.tasks.engine.dask_cluster import DaskCluster
+from vastflow.tasks.engine.dask_worker import OtherCode
 from vastflow.tasks.engine.executor import ClusterError, PoolClosed, Priority
 from vastflow.tasks.engine.work import answered
 from vastflow.tasks.store.store import StoreError, open_store
@@ -99,7 +101,7 @@ def test_cluster_gives_results_and_exceptions(opened):
     assert [future.result(60) for future in futures] == [divmod(17, k) for k in range(1, 30)]
     with pytest.raises(ZeroDivisionError):
         execute(executor, divmod, 1, 0).result(60)
-    with pytest.raises(StoreError, match="full"):
+    with pytest.raises(StoreError, match=r"^on \S+: store: the disk is full$"):
         execute(executor, _full).result(60)
     assert executor.workers == 2
 
@@ -141,25 +143,11 @@ def test_preparation_is_called_once_before_the_units(opened, tmp_path):
         assert file.read().split() == ["prepared", "unit", "unit", "unit"]
 
 
-def test_worker_joins_before_it_is_prepared(opened, tmp_path):
-    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster:
-        executor, ready = opened(cluster.scheduler_address), tmp_path / "ready"
-        executor.prepare(_wait_for, str(ready))
-        unit = execute(executor, len, "ab")
-        while not cluster.scheduler.worker_plugins.keys() - {"shuffle"}:
-            time.sleep(0.05)
-        cluster.scale(1)
-        while not [row for row in executor.workers_table() if row["state"] == "running"]:
-            time.sleep(0.05)
-        assert not unit.done()
-        ready.touch()
-        assert unit.result(60) == 2
-        executor.close()
-
-
-def _wait_for(file):
-    while not os.path.exists(file):
-        time.sleep(0.05)
+def test_scheduler_keeps_nothing_that_workers_must_import(opened, dask):
+    executor = opened()
+    executor.prepare(len, "ab")
+    assert execute(executor, len, "ab").result(60) == 2
+    assert dask.scheduler.worker_plugins.keys() == {"shuffle"}
 
 
 def _note(log, word):
@@ -208,6 +196,39 @@ def test_worker_with_other_code_is_refused_with_both_digests(opened, monkeypatch
     monkeypatch.setattr(dask_worker, "own_code", code)
     with pytest.raises(ClusterError, match=r"has other code \(a{12}\) than this campaign \(b{12}\)"):
         execute(opened(), len, "ab").result(60)
+
+
+def test_late_worker_with_other_code_is_told_once(opened, monkeypatch):
+    executor, retired = opened(), []
+    unit = execute(executor, time.sleep, 2.0)
+    while executor._client is None:
+        time.sleep(0.05)
+    monkeypatch.setattr(executor._client, "retire_workers", lambda workers, **_: retired.append(workers))
+    (job,) = executor._open.values()
+    for _ in range(3):
+        executor._take_one(job, OtherCode("tcp://late", "a" * 64), None)
+    assert unit.result(60) is None
+    (said,) = [each for each in executor.notices if "other code" in each]
+    assert said.startswith("worker tcp://late has other code (aaaaaaaaaaaa)") and retired == [["tcp://late"]] * 3
+
+
+def test_worker_that_does_not_answer_is_left_to_scheduler(opened, monkeypatch):
+    monkeypatch.setattr(dask_cluster, "identity", _broken_stream)
+    assert execute(opened(), len, "ab").result(60) == 2
+
+
+def _broken_stream():
+    raise CommClosedError("in <TCP (closed)>: Stream is closed")
+
+
+@pytest.mark.parametrize("address", ["lab", "tcp://127.0.0.1", "tls://127.0.0.1:9", "README.md"])
+def test_unusable_address_is_refused_at_once(opened, tmp_path, monkeypatch, address):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "README.md").write_text("# no scheduler file")
+    executor = opened(address)
+    with pytest.raises(ClusterError, match=f"^--cluster: '{address}' can't be used "):
+        execute(executor, len, "ab").result(60)
+    assert executor.notices == []
 
 
 def test_scheduler_that_stays_away_ends_everything(opened, monkeypatch):
@@ -291,7 +312,6 @@ def set_status(worker, status):
 def test_canceled_unit_is_interrupted_once(opened, tmp_path):
     executor, log = opened(), tmp_path / "log"
     assert execute(executor, len, "ab").result(60) == 2
-    executor.prepare(len, "ab")  # which gives workers a second plug-in
     execute(executor, _stubborn, str(log))
     while not log.exists():
         time.sleep(0.02)
