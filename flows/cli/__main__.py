@@ -39,6 +39,8 @@ RENAMED: Final = {
     "coverage": "plan FILE --coverage` or `vastflow show RESULTS --coverage",
     "explain": "plan RESULTS --only CONFIGURATION --why",
     "run --dry-run": "plan FILE --why",
+    "run --pool": "run FILE --cluster ADDRESS",
+    "run --shards": "run FILE --cluster ADDRESS",
     "resume": "run RESULTS",
     "schema": "validate --schema",
     "execution": "deploy FILE --format compose|kubernetes",
@@ -66,8 +68,8 @@ class Commands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find a command; the name of a former one is an error that names its successor."""
-        former = "run --dry-run" if args[0] == "run" and "--dry-run" in args else args[0]
-        if former in RENAMED:
+        options = (f"{args[0]} {each.partition('=')[0]}" for each in args[1:])
+        if former := next((each for each in (args[0], *options) if each in RENAMED), None):
             raise UserError(f"expected `vastflow {RENAMED[former]}`, got `vastflow {former}`, which it replaces")
         return super().resolve_command(ctx, args)
 
