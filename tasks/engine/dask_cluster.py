@@ -56,7 +56,6 @@ class _Job:
     outcome: "Future[Any]" = field(default_factory=Future)
     future: Any = None
     sent: int = 0
-    is_suspect: bool = False
 
 
 class DaskCluster:
@@ -118,7 +117,6 @@ class DaskCluster:
         with self._lock:
             self._numbers += 1
             job = _Job(self._numbers, message, priority)
-            job.outcome.add_done_callback(lambda outcome: self._forget(job) if outcome.cancelled() else None)
             if self.closed or self._error is not None:
                 end(job.outcome, self._error or PoolClosed())
                 return job.outcome
@@ -196,12 +194,6 @@ class DaskCluster:
     def _message(self, unit: Bundle) -> bytes:
         return pickle.dumps(Message(dask_worker.own_code()[0], self._place, unit, self._before))
 
-    def _forget(self, job: _Job) -> None:
-        with self._lock:
-            self._open.pop(job.number, None)
-            if job.future is not None:
-                job.future.cancel()
-
     def _connect(self) -> None:
         """Connect from a thread, and send all that is open then."""
         if self._connecting is None:
@@ -235,7 +227,7 @@ class DaskCluster:
                     return
                 self._client = client
                 for job in self._open.values():
-                    if not (job.is_suspect and job in self._suspects[1:]):
+                    if job not in self._suspects[1:]:
                         self._send(job)
             threading.Thread(target=self._take, args=(client,), name="vastflow results", daemon=True).start()
             if not self._told_dashboard:
@@ -391,8 +383,7 @@ class DaskCluster:
                 self._send(job)
                 return
             if isinstance(error, KilledWorker):
-                if not job.is_suspect:
-                    job.is_suspect = True
+                if job not in self._suspects:
                     self._suspects.append(job)
                     if len(self._suspects) == 1:
                         self._send(job)

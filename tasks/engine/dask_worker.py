@@ -133,8 +133,8 @@ class Interrupting(WorkerPlugin):
                         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), interrupted)
 
 
-def identity(dask_worker: Any) -> str:
-    """Return the digest of a worker's code; Dask hands over the worker by the argument's name."""
+def identity() -> str:
+    """Return the digest of a worker's code."""
     return own_code()[0]
 
 

@@ -300,7 +300,7 @@ class Engine:
         return future
 
     def _count(self, configuration: ConfigurationRuns, done: "Future[Any]") -> None:
-        if done.cancelled() or done.exception() is not None or not isinstance(answer := done.result(), Executed):
+        if done.exception() is not None or not isinstance(answer := done.result(), Executed):
             return
         self._tally.execute(configuration.name, answer.simulated_s)
         self._feeder.took(configuration.family, len(answer.simulated_s), answer.took_s)

@@ -53,7 +53,7 @@ class Executor(Protocol):
         """True once no more units can be submitted."""
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, priority: Priority) -> "Future[Any]":
-        """Queue a call of a module-level function; a canceled call that has not begun never runs.
+        """Queue a call of a module-level function.
 
         The future ends with its result, its exception, `WorkerDied`, `ClusterError`, or `PoolClosed`.
         """

@@ -45,6 +45,7 @@ WAITS_S: Final = 10.0
 
 _IN_FLIGHT_PER_WORKER: Final = 2
 _WATCH_S: Final = 0.5
+_CLOSE_S: Final = 3.0
 
 WORKER_ENVIRONMENT: Final = {
     # One worker a core: threads inside a worker would only compete, and change sums with their number.
@@ -135,14 +136,14 @@ class Pool:
         """See `Executor`."""
         self._own(self._rest)
 
-    def close(self, timeout_s: float = 3.0) -> None:
-        """See `Executor`; return at the latest after `timeout_s`."""
+    def close(self) -> None:
+        """See `Executor`; return at the latest after `_CLOSE_S`."""
         if not self.closed:
             self.closed = True
             ended = self._owner.submit(self._end)
             self._owner.shutdown(wait=False)
             with suppress(TimeoutError):
-                ended.result(timeout_s)
+                ended.result(_CLOSE_S)
 
     def _own(self, call: Callable[..., None], *arguments: Any) -> bool:
         """Queue a call for the owner; False if it is closed."""
@@ -160,9 +161,6 @@ class Pool:
     def _hand_on(self) -> None:
         """Hand units on while workers are idle or may have one more wait, and start workers."""
         while self._waiting:
-            if self._waiting[0].outcome.cancelled():
-                del self._open[heapq.heappop(self._waiting).number]
-                continue
             grown = len(self._lanes) == min(self.workers, 2)
             lane = next((each for each in self._lanes if each.in_flight < each.workers), None)
             if lane is None and not grown and (not self._lanes or self._is_much()):

@@ -352,12 +352,3 @@ def _runs(folder):
 def _rest():
     for _ in range(20):
         time.sleep(0.01)
-
-
-def test_canceled_unit_never_begins(opened):
-    executor = opened()
-    gate = [execute(executor, time.sleep, 1.0) for _ in range(2)]
-    late = [execute(executor, len, "ab") for _ in range(8)]
-    assert late[-1].cancel()
-    assert [each.result(60) for each in (*gate, *late[:-1])] == [None] * 2 + [2] * 7
-    assert late[-1].cancelled() and not executor._open
