@@ -24,6 +24,7 @@ from distributed.diagnostics.plugin import WorkerPlugin
 from vastflow.sim.model.digest import digest
 from vastflow.sim.plug_ins.effects import Interrupted
 from vastflow.tasks.engine.bundle import Bundle, content_of
+from vastflow.tasks.engine.machine_check import check_folders
 from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, numeric_class
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.source_files import SourceFiles
@@ -72,6 +73,7 @@ def _store(place: str) -> Store:
     if store_address(place) is None and not os.path.isdir(place):
         right = "a folder that all machines share under one path, or an address such as s3://bucket/prefix"
         raise StoreError(f"store: {place!r} is not a folder; expected {right}")
+    check_folders()
     return Store(place, sources=own_code()[1])
 
 
@@ -95,10 +97,11 @@ def run_unit(message: bytes) -> Any:
     if Interrupting.name not in worker.plugins:
         worker.loop.add_callback(worker.plugin_add, Interrupting())
     try:
+        store = _store(received.place)
         if received.before is not None:
             with _PREPARING:
                 _prepare_once(received.before, received.place)
-        function, *arguments = received.unit.opened(_store(received.place))
+        function, *arguments = received.unit.opened(store)
         return function(*arguments)
     except StoreError as error:
         raise StoreError(f"on {platform.node()}: {error}") from None
@@ -108,7 +111,6 @@ def run_unit(message: bytes) -> Any:
 def _prepare_once(before: Bundle, place: str) -> None:
     """Make a call once in this process, and not at the same time as another process of this machine."""
     folder = Path(platformdirs.user_cache_dir("vastflow"))
-    folder.mkdir(parents=True, exist_ok=True)
     with locket.lock_file(str(folder / "kernels.lock")):
         function, *arguments = before.opened(_store(place))
         function(*arguments)

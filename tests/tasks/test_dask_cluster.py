@@ -110,6 +110,13 @@ def _full():
     raise StoreError("store: the disk is full")
 
 
+def test_worker_without_writable_cache_ends_everything(opened, tmp_path, monkeypatch):
+    executor = opened()
+    monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
+    with pytest.raises(StoreError, match=r"^on \S+: can't write to '/dev/null/vastflow' .* set XDG_CACHE_HOME to"):
+        execute(executor, len, "ab").result(60)
+
+
 def test_units_have_store_of_their_worker_and_shared_values(opened):
     executor = opened()
     store, shared = executor._packer._store, executor.shared((1, store_of(executor)))
