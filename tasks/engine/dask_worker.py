@@ -1,6 +1,6 @@
 """The worker side of a Dask cluster: workers check their code, prepare their machine, and run units.
 
-The scheduler knows no plug-in of ours: a worker that joins and can't import one hangs, and the next version's might be one.
+A worker's plug-in comes with its first unit. If the scheduler gave it, a worker that joins and can't import it would hang.
 
 A worker shares only the store with the campaign. Importing this module imports Dask.
 """
