@@ -229,20 +229,18 @@ def _broken_stream():
 
 
 @pytest.mark.parametrize("address", ["lab", "tcp://127.0.0.1", "tls://127.0.0.1:9", "README.md"])
-def test_unusable_address_is_refused_at_once(opened, tmp_path, monkeypatch, address):
+def test_unusable_address_is_not_waited_for(opened, tmp_path, monkeypatch, address):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "README.md").write_text("# no scheduler file")
-    executor = opened(address)
     with pytest.raises(ClusterError, match=f"^--cluster: '{address}' can't be used "):
-        execute(executor, len, "ab").result(60)
-    assert executor.notices == []
+        execute(opened(address), len, "ab").result(60)
 
 
 def test_scheduler_that_stays_away_ends_everything(opened, monkeypatch):
     monkeypatch.setattr(dask_cluster, "CONNECT_S", 0.2)
-    monkeypatch.setattr(dask_cluster, "AWAY_S", 1.0)
+    monkeypatch.setattr(dask_cluster, "AWAY_S", 4.0)
     executor = opened("tcp://127.0.0.1:9")
-    with pytest.raises(ClusterError, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:9'.* within 1 s"):
+    with pytest.raises(ClusterError, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:9'.* within 4 s"):
         execute(executor, len, "ab").result(60)
     assert len(executor.notices) == 1
     with pytest.raises(ClusterError):
