@@ -228,12 +228,23 @@ def _broken_stream():
     raise CommClosedError("in <TCP (closed)>: Stream is closed")
 
 
-@pytest.mark.parametrize("address", ["lab", "tcp://127.0.0.1", "tls://127.0.0.1:9", "README.md"])
-def test_unusable_address_is_not_waited_for(opened, tmp_path, monkeypatch, address):
-    monkeypatch.chdir(tmp_path)
+def test_unusable_address_is_refused_at_once(opened, monkeypatch):
+    def without_certificates(*_, **__):
+        raise TypeError("TLS expects an ssl_context")
+
+    monkeypatch.setattr(distributed, "Client", without_certificates)
+    executor = opened("tls://127.0.0.1:9")
+    with pytest.raises(
+        ClusterError, match=r"^--cluster: 'tls://127\.0\.0\.1:9' can't be used \(TypeError: TLS expects"
+    ):
+        execute(executor, len, "ab").result(60)
+    assert executor.notices == []
+
+
+def test_scheduler_file_with_something_else_is_refused_at_once(opened, tmp_path):
     (tmp_path / "README.md").write_text("# no scheduler file")
-    with pytest.raises(ClusterError, match=f"^--cluster: '{address}' can't be used "):
-        execute(opened(address), len, "ab").result(60)
+    with pytest.raises(ClusterError, match=r"README\.md' can't be used \(JSONDecodeError: "):
+        execute(opened(str(tmp_path / "README.md")), len, "ab").result(60)
 
 
 def test_scheduler_that_stays_away_ends_everything(opened, monkeypatch):
