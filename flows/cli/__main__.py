@@ -5,6 +5,7 @@ imported inside the commands.
 """
 
 import gc
+import signal
 import sys
 from importlib.metadata import EntryPoint, entry_points
 from importlib.metadata import version as version_of
@@ -38,6 +39,8 @@ RENAMED: Final = {
     "coverage": "plan FILE --coverage` or `vastflow show RESULTS --coverage",
     "explain": "plan RESULTS --only CONFIGURATION --why",
     "run --dry-run": "plan FILE --why",
+    "run --pool": "run FILE --cluster ADDRESS",
+    "run --shards": "run FILE --cluster ADDRESS",
     "resume": "run RESULTS",
     "schema": "validate --schema",
     "execution": "deploy FILE --format compose|kubernetes",
@@ -65,8 +68,8 @@ class Commands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find a command; the name of a former one is an error that names its successor."""
-        former = "run --dry-run" if args[0] == "run" and "--dry-run" in args else args[0]
-        if former in RENAMED:
+        options = (f"{args[0]} {each.partition('=')[0]}" for each in args[1:])
+        if former := next((each for each in (args[0], *options) if each in RENAMED), None):
             raise UserError(f"expected `vastflow {RENAMED[former]}`, got `vastflow {former}`, which it replaces")
         return super().resolve_command(ctx, args)
 
@@ -128,6 +131,7 @@ def main() -> None:
         with few_collections():
             app()
     finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C would print tracebacks of Python's own end
         gc.freeze()  # Python looks for garbage once more before it ends, which ends all of it anyway
 
 

@@ -80,7 +80,8 @@ class RunRequest(BaseModel):
         address = os.fspath(address) if isinstance(address, os.PathLike) else address
         if isinstance(address, str) and not _CLUSTER.fullmatch(address) and not os.path.isfile(address):
             raise ValueError(
-                f"--cluster: expected tcp://HOST:PORT, tls://HOST:PORT, a scheduler file, or local:N, got {address!r}"
+                "--cluster: expected tcp://HOST:PORT, tls://HOST:PORT, a scheduler file, or local:N, "
+                f"got {address!r}, and no such file exists"
             )
         return address
 

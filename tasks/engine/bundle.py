@@ -115,7 +115,7 @@ def content_of(store: Store, sha256: str) -> bytes:
         content = store.read(key, _CONTENT)
     except Lost:
         place = "a folder that all machines share, or an address such as s3://bucket/prefix"
-        raise StoreError(f"store: {key} is not in {store.place!r} here; expected {place}") from None
+        raise StoreError(f"store: {key} is not in {store.place!r}; expected {place}") from None
     if hashlib.sha256(content).hexdigest() != sha256:
         store.discard(key, said := f"{_CONTENT} is not the content of its key")
         raise StoreError(f"store: {key}: {said}")

@@ -21,13 +21,14 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
+from urllib.request import urlopen
 
 import distributed
 from distributed.scheduler import KilledWorker
 
 from vastflow.tasks.engine import dask_worker
 from vastflow.tasks.engine.bundle import Bundle, Packer
-from vastflow.tasks.engine.dask_worker import Message, OtherCode, UnitPlugin, identity, run_unit, shared_value
+from vastflow.tasks.engine.dask_worker import Message, OtherCode, identity, run_unit, shared_value
 from vastflow.tasks.engine.executor import ClusterError, Executor, PoolClosed, Priority, Shared, WorkerDied, end
 from vastflow.tasks.store.store import Store, store_address
 
@@ -43,6 +44,8 @@ _WATCH_S: Final = 1.0
 _END_S: Final = 2.0
 _GROUP: Final = "vastflow"
 _DASK: Final = logging.getLogger("distributed.client")
+_UNUSABLE: Final = TypeError, ValueError, LookupError
+"""Errors of an address without a port, a file of something else, and missing certificates, at which waiting doesn't help."""
 
 
 @dataclass(slots=True, eq=False)
@@ -53,7 +56,6 @@ class _Job:
     outcome: "Future[Any]" = field(default_factory=Future)
     future: Any = None
     sent: int = 0
-    is_suspect: bool = False
 
 
 class DaskCluster:
@@ -92,6 +94,7 @@ class DaskCluster:
         self._landed: queue.SimpleQueue[tuple[_Job, Any]] = queue.SimpleQueue()
         self._seen_s: dict[Any, float] = {}
         self._told_dashboard = False
+        self._refused: set[OtherCode] = set()
         # Of a scheduler that is away, Dask would print tracebacks; `_away` tells in one sentence.
         self._level = _DASK.level
         _DASK.setLevel(logging.CRITICAL)
@@ -131,13 +134,8 @@ class DaskCluster:
         return functools.partial(shared_value, self._place, sha256)
 
     def prepare(self, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
-        """See `Executor`; each worker makes the call when it joins, and no unit begins there before."""
-        with self._lock:
-            self._before = self._packer.packed((function, *arguments))
-            if self._client is not None:
-                self._register(self._client)
-            else:
-                self._connect()
+        """See `Executor`; each worker makes the call before its first unit."""
+        self._before = self._packer.packed((function, *arguments))
         ready: Future[Any] = Future()
         ready.set_result(None)
         return ready
@@ -200,8 +198,9 @@ class DaskCluster:
     def _forget(self, job: _Job) -> None:
         with self._lock:
             self._open.pop(job.number, None)
-            if job.future is not None:
-                job.future.cancel()
+            there, job.future = job.future, None  # the cancellation of the job's own would mean a lost scheduler
+        if there is not None:
+            there.cancel()
 
     def _connect(self) -> None:
         """Connect from a thread, and send all that is open then."""
@@ -218,6 +217,9 @@ class DaskCluster:
                 self._fail(error)
                 return
             except Exception as error:  # noqa: BLE001 - whatever a network raises
+                if isinstance(error, _UNUSABLE) and not self._threads:
+                    self._fail(ClusterError(f"--cluster: {self._address!r} can't be used ({_said(error)})"))
+                    return
                 if not told:
                     told = True
                     self._notice(f"{self._away(error)}; waiting up to {AWAY_S:.0f} s")
@@ -233,18 +235,21 @@ class DaskCluster:
                     return
                 self._client = client
                 for job in self._open.values():
-                    if not (job.is_suspect and job in self._suspects[1:]):
+                    if job not in self._suspects[1:]:
                         self._send(job)
             threading.Thread(target=self._take, args=(client,), name="vastflow results", daemon=True).start()
-            if not self._told_dashboard and "dashboard" in client.scheduler_info(n_workers=0).get("services", ()):
+            if not self._told_dashboard:
                 self._told_dashboard = True
-                self._notice(f"Dask's dashboard: {client.dashboard_link}")
+                with (
+                    suppress(Exception),
+                    urlopen(client.dashboard_link, timeout=_END_S),
+                ):  # --no-dashboard has an address, too
+                    self._notice(f"Dask's dashboard: {client.dashboard_link}")
             self._watch(client)
             return
 
     def _away(self, error: Exception) -> str:
-        said = " ".join(str(error).split())[:200]
-        return f"--cluster: no Dask scheduler answers at {self._address!r} ({type(error).__name__}: {said})"
+        return f"--cluster: no Dask scheduler answers at {self._address!r} ({_said(error)})"
 
     def _opened(self) -> Any:
         """Return a client of workers with this code.
@@ -254,16 +259,15 @@ class DaskCluster:
         """
         client = distributed.Client(self._scheduler(), timeout=CONNECT_S, set_as_default=False, name=_GROUP)
         try:
-            answers = client.run(identity, on_error="return")
-            for worker, answer in answers.items():
+            for worker, answer in client.run(identity, on_error="return").items():
+                if isinstance(answer, OSError):  # it is dead or stopped, which the scheduler notices in its time
+                    continue
                 if isinstance(answer, Exception):
-                    said = f"{type(answer).__name__}: {' '.join(str(answer).split())[:200]}"
                     raise ClusterError(
-                        f"worker {worker} can't run this vastflow ({said}); install the same version there"
+                        f"worker {worker} can't run this vastflow ({_said(answer)}); install the same version there"
                     )
                 if answer != dask_worker.own_code()[0]:
                     raise ClusterError(self._other(OtherCode(worker, answer)))
-            self._register(client)
         except BaseException:
             client.close(_END_S)
             raise
@@ -274,13 +278,6 @@ class DaskCluster:
             f"worker {other.worker} has other code ({other.code[:12]}) than this campaign ({dask_worker.own_code()[0][:12]}); give all "
             "workers the same version of vastflow and its libraries, on one kind of machine"
         )
-
-    def _register(self, client: Any) -> None:
-        before = None if self._before is None else self._message(Bundle(b"", ()))
-        name = f"{_GROUP}-{hashlib.sha256(before or b'').hexdigest()[:16]}"
-        # From a thread: workers that can't be reached must hold up nobody.
-        register = functools.partial(client.register_plugin, UnitPlugin(name, before), name=name)
-        threading.Thread(target=_quietly, args=(register,), daemon=True).start()
 
     def _scheduler(self) -> str:
         if not self._address.startswith(LOCAL):
@@ -386,14 +383,15 @@ class DaskCluster:
             if job.number not in self._open:
                 return
             if isinstance(result, OtherCode):
-                self._notice(f"{self._other(result)}; it gets no more units")
+                if result not in self._refused:  # units that are on their way come back, too
+                    self._refused.add(result)
+                    self._notice(f"{self._other(result)}; it gets no more units")
                 with suppress(Exception):
                     self._client.retire_workers([result.worker], close_workers=True)
                 self._send(job)
                 return
             if isinstance(error, KilledWorker):
-                if not job.is_suspect:
-                    job.is_suspect = True
+                if job not in self._suspects:
                     self._suspects.append(job)
                     if len(self._suspects) == 1:
                         self._send(job)
@@ -424,6 +422,10 @@ class DaskCluster:
             self._open.clear()
         for job in jobs:
             end(job.outcome, error)
+
+
+def _said(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
 
 
 def _quietly(call: Callable[[], Any]) -> None:

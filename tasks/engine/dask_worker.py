@@ -1,5 +1,7 @@
 """The worker side of a Dask cluster: workers check their code, prepare their machine, and run units.
 
+A worker's plug-in comes with its first unit. If the scheduler gave it, a worker that joins and can't import it would hang.
+
 A worker shares only the store with the campaign. Importing this module imports Dask.
 """
 
@@ -10,7 +12,6 @@ import pickle
 import platform
 import sys
 import threading
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,6 +24,7 @@ from distributed.diagnostics.plugin import WorkerPlugin
 from vastflow.sim.model.digest import digest
 from vastflow.sim.plug_ins.effects import Interrupted
 from vastflow.tasks.engine.bundle import Bundle, content_of
+from vastflow.tasks.engine.machine_check import check_folders
 from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, numeric_class
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.source_files import SourceFiles
@@ -77,7 +79,8 @@ def _own_code() -> tuple[str, SourceFiles]:
 def _store(place: str) -> Store:
     if store_address(place) is None and not os.path.isdir(place):
         right = "a folder that all machines share under one path, or an address such as s3://bucket/prefix"
-        raise StoreError(f"store: {place!r} is not a folder on {platform.node()}; expected {right}")
+        raise StoreError(f"store: {place!r} is not a folder; expected {right}")
+    check_folders()
     return Store(place, sources=own_code()[1])
 
 
@@ -100,61 +103,49 @@ def run_unit(message: bytes) -> Any:
         return None  # before it had a thread that could be interrupted
     if (own := own_code()[0]) != received.code:
         return OtherCode(worker.address, own)
-    if received.before is not None:
-        _prepared(received.before, received.place)
-    function, *arguments = received.unit.opened(_store(received.place))
-    return function(*arguments)
-
-
-def _prepared(before: Bundle, place: str) -> None:
-    with _PREPARING:
-        _prepare_once(before, place)
+    if Interrupting.name not in worker.plugins:
+        worker.loop.add_callback(worker.plugin_add, Interrupting())
+    try:
+        store = _store(received.place)
+        if received.before is not None:
+            with _PREPARING:
+                _prepare_once(received.before, received.place)
+        function, *arguments = received.unit.opened(store)
+        return function(*arguments)
+    except StoreError as error:
+        raise StoreError(f"on {platform.node()}: {error}") from None
 
 
 @functools.lru_cache(maxsize=16)
 def _prepare_once(before: Bundle, place: str) -> None:
     """Make a call once in this process, and not at the same time as another process of this machine."""
     folder = Path(platformdirs.user_cache_dir("vastflow"))
-    folder.mkdir(parents=True, exist_ok=True)
     with locket.lock_file(str(folder / "kernels.lock")):
         function, *arguments = before.opened(_store(place))
         function(*arguments)
 
 
-class UnitPlugin(WorkerPlugin):
-    """Prepares workers, late ones included, and interrupts canceled units."""
+class Interrupting(WorkerPlugin):
+    """Interrupts units that are canceled while they run."""
 
-    def __init__(self, name: str, before: bytes | None) -> None:
-        self.name = name
-        self._before = before
+    name = "vastflow"
 
     def setup(self, worker: Any) -> None:
-        """Begin the call that units need; a nanny gives up a worker that joins late (`--death-timeout`)."""
+        """Remember the worker."""
         self._worker = worker
-        if self._before is not None:
-            threading.Thread(target=self._prepare, args=(self._before,), name="vastflow prepares", daemon=True).start()
 
     def transition(self, key: Any, start: str, finish: str, **_: Any) -> None:
         """Interrupt a unit that was canceled while it ran."""
-        # One plug-in of a worker does: a second interrupt would meet Dask's own code, and take the thread with it.
-        first = next(each for each in self._worker.plugins.values() if isinstance(each, UnitPlugin))
-        if first is self and start == "executing" and finish == "released":
+        if start == "executing" and finish == "released":
             with self._worker.active_threads_lock:
                 for thread, of_thread in self._worker.active_threads.items():
                     if of_thread == key:
                         interrupted = ctypes.py_object(Interrupted)
                         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), interrupted)
 
-    @staticmethod
-    def _prepare(message: bytes) -> None:
-        received: Message = pickle.loads(message)
-        with suppress(Exception):  # units make the call again, and tell
-            if own_code()[0] == received.code and received.before is not None:
-                _prepared(received.before, received.place)
 
-
-def identity(dask_worker: Any) -> str:
-    """Return the digest of a worker's code; Dask hands over the worker by the argument's name."""
+def identity() -> str:
+    """Return the digest of a worker's code."""
     return own_code()[0]
 
 

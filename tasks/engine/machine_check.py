@@ -24,20 +24,29 @@ def check_machine() -> None:
         StoreError: something can't; workers and Prefect's API would fail later, each in its own words.
     """
     check_numba()
-    _check_written(Path(platformdirs.user_cache_dir("vastflow")), "set XDG_CACHE_HOME to a folder of yours")
+    check_folders()
     home = Path(os.environ.get("PREFECT_HOME") or "~/.prefect").expanduser()
     # With an API of the user's, which a profile may name, Prefect writes nothing there.
     if not os.environ.get("PREFECT_API_URL") and not (home / "profiles.toml").exists():
         _check_written(home, "set PREFECT_HOME to a folder of yours")
+    if sys.platform == "linux":
+        if not _SHARED_MEMORY.is_dir():
+            raise _error(_SHARED_MEMORY, os.strerror(errno.ENOENT), _MOUNT)
+        _check_written(_SHARED_MEMORY, _MOUNT)
+
+
+def check_folders() -> None:
+    """Check that the folders that units write to besides the store are writable.
+
+    Raises:
+        StoreError: the cache, or the folder for temporary files, is not.
+    """
+    _check_written(Path(platformdirs.user_cache_dir("vastflow")), "set XDG_CACHE_HOME to a folder of yours")
     try:
         temporary = Path(tempfile.gettempdir())
     except FileNotFoundError:  # it has tried them
         raise StoreError("no folder for temporary files can be written; set TMPDIR to one of yours") from None
     _check_written(temporary, _TMPDIR)
-    if sys.platform == "linux":
-        if not _SHARED_MEMORY.is_dir():
-            raise _error(_SHARED_MEMORY, os.strerror(errno.ENOENT), _MOUNT)
-        _check_written(_SHARED_MEMORY, _MOUNT)
 
 
 def check_numba() -> None:

@@ -86,8 +86,16 @@ def test_command_python_call_and_flow_take_the_fields_of_a_request():
     [
         ({"runs": 0}, ValueError, "^runs is at least 1, got 0$"),
         ({"pool": "lab"}, ValueError, "^pool: work pools run whole campaigns .* with --cluster$"),
-        ({"cluster": "lab:8786"}, ValueError, "^--cluster: expected tcp://HOST:PORT, .* got 'lab:8786'$"),
-        ({"cluster": "local:0"}, ValueError, "^--cluster: expected .* or local:N, got 'local:0'$"),
+        (
+            {"cluster": "lab:8786"},
+            ValueError,
+            "^--cluster: expected tcp://HOST:PORT, .* got 'lab:8786', and no such file exists$",
+        ),
+        (
+            {"cluster": "local:0"},
+            ValueError,
+            "^--cluster: expected .* or local:N, got 'local:0', and no such file exists$",
+        ),
         ({"run": 2}, TypeError, r"expected an option of runs, results, store.*, got 'run'"),
     ],
 )

@@ -25,7 +25,7 @@ from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.server import application
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-from chromium import chromium, opened
+from chromium import chromium, opened  # type: ignore[import-not-found]
 
 WIDTH, HEIGHT = 1400, 900
 COLORS: Final = 128
@@ -77,6 +77,7 @@ def main() -> None:
     parser.add_argument("--to", type=Path, default=Path("docs/images"))
     parser.add_argument("--wait", type=float, default=6.0, help="seconds that a page has to be complete")
     asked = parser.parse_args()
+    asked.to.mkdir(parents=True, exist_ok=True)
     with (
         tempfile.TemporaryDirectory() as profile,
         served([asked.baseline, asked.candidate]) as (root, directories),
@@ -100,7 +101,7 @@ def main() -> None:
         for name, address in views.items():
             picture(browser, root + address, asked.wait)  # layers are executed once, and kept
             save(picture(browser, root + address, asked.wait), asked.to / f"explorer-{name}.png")
-        frames = []
+        frames: list[Image.Image] = []
         for t_s in FILM:
             image = picture(browser, f"{root}/run?{urlencode({**run, 't': t_s})}", asked.wait if not frames else 1.5)
             frames.append(image.convert("RGB").resize((FILM_WIDTH, HEIGHT * FILM_WIDTH // WIDTH)))

@@ -90,7 +90,7 @@ def watched(place: Place) -> dict[str, tuple[float, float]]:
     """When each victim is there in a life that nothing happens to, before anything is executed (s)."""
     life = place.begin()
     there: dict[str, tuple[float, float]] = {}
-    while life.process.poll() is None:
+    while life.goes_on:
         for kind in VICTIMS["embedded"]:
             if life.phase() == "starting" and life.victims(kind):
                 now_s = life.elapsed_s
@@ -167,10 +167,10 @@ def _outlived(life: Life, point: Point, api: Api | None, crew: Crew | None) -> N
 
 def _struck(life: Life, point: Point, rng: random.Random, api: Api | None, crew: Crew | None) -> bool:
     """Kill a process at the given time or soon after it; False if the campaign had ended."""
-    while life.process.poll() is None and not _has_come(life, point):
+    while life.goes_on and not _has_come(life, point):
         time.sleep(0.002)
     time.sleep(point.aimed_s)
-    while life.process.poll() is None:
+    while life.goes_on:
         point.phase = life.phase()
         if api and point.victim == "server":
             api.kill()

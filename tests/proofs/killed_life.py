@@ -287,6 +287,13 @@ class Life:
         runs = sum(row["stop"] - row["start"] for row in self.place.trace() if row["what"] == "end")
         return runs >= min(blocks, CONFIGURATIONS) * RUNS
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether it has not ended; one that hangs is killed."""
+        if self.elapsed_s > ENDS_S:
+            self.process.kill()
+        return self.process.poll() is None
+
     def end(self, timeout_s: float = ENDS_S) -> int | None:
         """Its exit code; None if it hangs, and is killed then."""
         try:

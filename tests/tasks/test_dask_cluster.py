@@ -9,6 +9,7 @@ import distributed
 import pytest
 from at_once import AtOnce
 from dask import config
+from distributed.comm import CommClosedError
 from distributed.core import Status
 from distributed.security import Security
 
@@ -16,6 +17,7 @@ from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.plug_ins.effects import Interrupted
 from vastflow.tasks.engine import dask_cluster, dask_worker
 from vastflow.tasks.engine.dask_cluster import DaskCluster
+from vastflow.tasks.engine.dask_worker import OtherCode
 from vastflow.tasks.engine.executor import ClusterError, PoolClosed, Priority
 from vastflow.tasks.engine.work import answered
 from vastflow.tasks.store.store import StoreError, open_store
@@ -100,13 +102,20 @@ def test_cluster_gives_results_and_exceptions(opened):
     assert [future.result(60) for future in futures] == [divmod(17, k) for k in range(1, 30)]
     with pytest.raises(ZeroDivisionError):
         execute(executor, divmod, 1, 0).result(60)
-    with pytest.raises(StoreError, match="full"):
+    with pytest.raises(StoreError, match=r"^on \S+: store: the disk is full$"):
         execute(executor, _full).result(60)
     assert executor.workers == 2
 
 
 def _full():
     raise StoreError("store: the disk is full")
+
+
+def test_worker_without_writable_cache_ends_everything(opened, tmp_path, monkeypatch):
+    executor = opened()
+    monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
+    with pytest.raises(StoreError, match=r"^on \S+: can't write to '/dev/null/vastflow' .* set XDG_CACHE_HOME to"):
+        execute(executor, len, "ab").result(60)
 
 
 def test_units_have_store_of_their_worker_and_shared_values(opened):
@@ -142,25 +151,11 @@ def test_preparation_is_called_once_before_the_units(opened, tmp_path):
         assert file.read().split() == ["prepared", "unit", "unit", "unit"]
 
 
-def test_worker_joins_before_it_is_prepared(opened, tmp_path):
-    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster:
-        executor, ready = opened(cluster.scheduler_address), tmp_path / "ready"
-        executor.prepare(_wait_for, str(ready))
-        unit = execute(executor, len, "ab")
-        while not cluster.scheduler.worker_plugins.keys() - {"shuffle"}:
-            time.sleep(0.05)
-        cluster.scale(1)
-        while not [row for row in executor.workers_table() if row["state"] == "running"]:
-            time.sleep(0.05)
-        assert not unit.done()
-        ready.touch()
-        assert unit.result(60) == 2
-        executor.close()
-
-
-def _wait_for(file):
-    while not os.path.exists(file):
-        time.sleep(0.05)
+def test_scheduler_keeps_nothing_that_workers_must_import(opened, dask):
+    executor = opened()
+    executor.prepare(len, "ab")
+    assert execute(executor, len, "ab").result(60) == 2
+    assert dask.scheduler.worker_plugins.keys() == {"shuffle"}
 
 
 def _note(log, word):
@@ -213,11 +208,53 @@ def test_worker_with_other_code_is_refused_with_both_digests(opened, monkeypatch
         execute(opened(), len, "ab").result(60)
 
 
+def test_late_worker_with_other_code_is_told_once(opened, monkeypatch):
+    executor, retired = opened(), []
+    unit = execute(executor, time.sleep, 2.0)
+    while executor._client is None:
+        time.sleep(0.05)
+    monkeypatch.setattr(executor._client, "retire_workers", lambda workers, **_: retired.append(workers))
+    (job,) = executor._open.values()
+    for _ in range(3):
+        executor._take_one(job, OtherCode("tcp://late", "a" * 64), None)
+    assert unit.result(60) is None
+    (said,) = [each for each in executor.notices if "other code" in each]
+    assert said.startswith("worker tcp://late has other code (aaaaaaaaaaaa)") and retired == [["tcp://late"]] * 3
+
+
+def test_worker_that_does_not_answer_is_left_to_scheduler(opened, monkeypatch):
+    monkeypatch.setattr(dask_cluster, "identity", _broken_stream)
+    assert execute(opened(), len, "ab").result(60) == 2
+
+
+def _broken_stream():
+    raise CommClosedError("in <TCP (closed)>: Stream is closed")
+
+
+def test_unusable_address_is_refused_at_once(opened, monkeypatch):
+    def without_certificates(*_, **__):
+        raise TypeError("TLS expects an ssl_context")
+
+    monkeypatch.setattr(distributed, "Client", without_certificates)
+    executor = opened("tls://127.0.0.1:9")
+    with pytest.raises(
+        ClusterError, match=r"^--cluster: 'tls://127\.0\.0\.1:9' can't be used \(TypeError: TLS expects"
+    ):
+        execute(executor, len, "ab").result(60)
+    assert executor.notices == []
+
+
+def test_scheduler_file_with_something_else_is_refused_at_once(opened, tmp_path):
+    (tmp_path / "README.md").write_text("# no scheduler file")
+    with pytest.raises(ClusterError, match=r"README\.md' can't be used \(JSONDecodeError: "):
+        execute(opened(str(tmp_path / "README.md")), len, "ab").result(60)
+
+
 def test_scheduler_that_stays_away_ends_everything(opened, monkeypatch):
     monkeypatch.setattr(dask_cluster, "CONNECT_S", 0.2)
-    monkeypatch.setattr(dask_cluster, "AWAY_S", 1.0)
+    monkeypatch.setattr(dask_cluster, "AWAY_S", 4.0)
     executor = opened("tcp://127.0.0.1:9")
-    with pytest.raises(ClusterError, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:9'.* within 1 s"):
+    with pytest.raises(ClusterError, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:9'.* within 4 s"):
         execute(executor, len, "ab").result(60)
     assert len(executor.notices) == 1
     with pytest.raises(ClusterError):
@@ -295,7 +332,6 @@ def set_status(worker, status):
 def test_canceled_unit_is_interrupted_once(opened, tmp_path):
     executor, log = opened(), tmp_path / "log"
     assert execute(executor, len, "ab").result(60) == 2
-    executor.prepare(len, "ab")  # which gives workers a second plug-in
     execute(executor, _stubborn, str(log))
     while not (log.exists() and log.read_text()):
         time.sleep(0.02)
@@ -342,10 +378,14 @@ def test_canceled_unit_never_begins(opened, tmp_path):
     executor, ready = opened(), tmp_path / "ready"
     gate = [execute(executor, _wait_for, str(ready)) for _ in range(2)]
     late = [execute(executor, len, "ab") for _ in range(8)]
+    while not all(each.future for each in executor._open.values()):
+        time.sleep(0.02)
+    client = executor._client
     assert late[-1].cancel()
     ready.touch()
     assert [each.result(60) for each in (*gate, *late[:-1])] == [None] * 2 + [2] * 7
     assert late[-1].cancelled() and not executor._open
+    assert executor._client is client, "a canceled unit is no lost scheduler"
 
 
 def test_unit_canceled_before_its_thread_never_begins(opened, dask, tmp_path):
@@ -361,3 +401,8 @@ def test_unit_canceled_before_its_thread_never_begins(opened, dask, tmp_path):
     while worker.state.tasks:
         time.sleep(0.02)
     assert not (tmp_path / "log").exists()
+
+
+def _wait_for(file):
+    while not os.path.exists(file):
+        time.sleep(0.05)
