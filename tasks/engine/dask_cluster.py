@@ -198,9 +198,8 @@ class DaskCluster:
     def _forget(self, job: _Job) -> None:
         with self._lock:
             self._open.pop(job.number, None)
-            there, job.future = job.future, None  # the cancellation of the job's own would mean a lost scheduler
-        if there is not None:
-            there.cancel()
+            if job.future is not None:
+                job.future.cancel()
 
     def _connect(self) -> None:
         """Connect from a thread, and send all that is open then."""
@@ -240,11 +239,8 @@ class DaskCluster:
             threading.Thread(target=self._take, args=(client,), name="vastflow results", daemon=True).start()
             if not self._told_dashboard:
                 self._told_dashboard = True
-                with (
-                    suppress(Exception),
-                    urlopen(client.dashboard_link, timeout=_END_S),
-                ):  # --no-dashboard has an address, too
-                    self._notice(f"Dask's dashboard: {client.dashboard_link}")
+                with suppress(Exception), urlopen(client.dashboard_link, timeout=_END_S):
+                    self._notice(f"Dask's dashboard: {client.dashboard_link}")  # without one there is an address, too
             self._watch(client)
             return
 
@@ -360,8 +356,8 @@ class DaskCluster:
                 landed.append(self._landed.get(timeout=_WATCH_S))
                 while True:
                     landed.append(self._landed.get_nowait())
-            # What a lost connection canceled when it closed has been sent again.
-            landed = [(job, future) for job, future in landed if future is job.future]
+            # What a lost connection canceled when it closed has been sent again; what was canceled here is not open.
+            landed = [(job, future) for job, future in landed if future is job.future and job.number in self._open]
             finished = {job: future for job, future in landed if future.status == "finished"}
             with suppress(Exception):  # a worker died with its results: each is asked for alone
                 for job, result in zip(finished, client.gather([*finished.values()]), strict=True):

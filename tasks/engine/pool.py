@@ -45,7 +45,6 @@ WAITS_S: Final = 10.0
 
 _IN_FLIGHT_PER_WORKER: Final = 2
 _WATCH_S: Final = 0.5
-_CLOSE_S: Final = 3.0
 
 WORKER_ENVIRONMENT: Final = {
     # One worker a core: threads inside a worker would only compete, and change sums with their number.
@@ -136,14 +135,14 @@ class Pool:
         """See `Executor`."""
         self._own(self._rest)
 
-    def close(self) -> None:
-        """See `Executor`; return at the latest after `_CLOSE_S`."""
+    def close(self, timeout_s: float = 3.0) -> None:
+        """See `Executor`; return at the latest after `timeout_s`."""
         if not self.closed:
             self.closed = True
             ended = self._owner.submit(self._end)
             self._owner.shutdown(wait=False)
             with suppress(TimeoutError):
-                ended.result(_CLOSE_S)
+                ended.result(timeout_s)
 
     def _own(self, call: Callable[..., None], *arguments: Any) -> bool:
         """Queue a call for the owner; False if it is closed."""

@@ -89,7 +89,7 @@ class Tally:
         self._phase: Phase = "scanning"
         self._configurations: dict[str, _ConfigurationProgress] = {}
         self._families: dict[str, FamilyProgress] = {}
-        self._executed = self._reused = self._judged = self._wanted = 0
+        self._executed = self._reused = self._judged = 0
         self._simulated_s = 0.0
         self._configurations_done = 0
         self._notices: tuple[str, ...] = ()
@@ -146,7 +146,6 @@ class Tally:
             }
             for family in self._families.values():
                 family.configurations = family.runs = 0
-            self._wanted = sum(of.runs for of in self._configurations.values())
             for of in self._configurations.values():
                 of.family.configurations += 1
                 of.family.runs += of.most
@@ -160,7 +159,6 @@ class Tally:
             if (of := self._configurations.get(configuration)) is not None:
                 was_done = of.done == of.most
                 of.family.runs += most - of.most
-                self._wanted += max(runs - of.runs, 0)
                 of.runs, of.most = max(of.runs, runs), most
                 self._configurations_done += (of.done == most) - was_done
 
@@ -235,13 +233,12 @@ class Tally:
         """Return the current progress."""
         with self._lock:
             families = self._families.values()
-            most = sum(family.runs for family in families)
             return Progress(
                 phase=self._phase,
                 configurations_done=self._configurations_done,
                 configurations_total=len(self._configurations),
                 runs_done=self._judged,
-                runs_total=most,
+                runs_total=sum(family.runs for family in families),
                 executed=self._executed,
                 reused=self._reused,
                 passed=sum(family.passed for family in families),
@@ -249,7 +246,7 @@ class Tally:
                 not_judged=sum(family.not_judged for family in families),
                 simulated_s=self._simulated_s,
                 notices=self._notices,
-                at_most=most > self._wanted,
+                at_most=any(of.most > of.runs for of in self._configurations.values()),
             )
 
 
