@@ -25,7 +25,6 @@ from vastflow.oracles.results.executed import KeptFiles, configuration_row, scen
 from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, PASS
 from vastflow.oracles.results.unusable import reading
 from vastflow.oracles.statistics.intervals import Counts
-from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.blocks import read_block, read_rows
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.recording import Event, run_of
@@ -73,6 +72,8 @@ def index_of(table: RunTable, name: str) -> int:
 
 def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
     """Return the runs with their events, the values of the configuration, and its nearest neighbor of the other verdict."""
+    from vastflow.deployments.explorer.frames import event_rows  # a third of a second of imports
+
     table = campaign.table
     own = table.rows_of(k)
     rows = {int(row["run_index"]): row for row in _recorded_rows(campaign, k)}
@@ -83,9 +84,7 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
         values = {name: table.value(name, at) for name in names}
         runs.append({"run": run, "verdict": JUDGEMENTS[int(table.verdict[at])], "recorded": run in rows, **values})
         found = rows.get(run, {}).get("events", [])
-        for each in found:
-            if (text := event_words(Event(**each))) is not None:
-                events.append({"run": run, **{key: each[key] for key in ("t_s", "kind", "x_m", "y_m")}, "text": text})
+        events += [{"run": run, **each} for each in event_rows(Event(**each) for each in found)]
     counts = Chosen(table, np.ones(len(table), dtype=np.bool_)).counts
     passed, failed, not_judged = counts[k].tolist()
     return {

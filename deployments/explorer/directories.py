@@ -55,6 +55,12 @@ class CampaignDirectory:
     metadata: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
     problem: str = ""
 
+    @property
+    def faults(self) -> list[Mapping[str, Any]]:
+        """Faults as `metadata.json` has them; none where it has something else."""
+        found = self.metadata.get("faults")
+        return [each for each in found if isinstance(each, dict)] if isinstance(found, list) else []
+
 
 class Directories:
     """The campaign directories below some folders, looked up anew for each request.

@@ -129,7 +129,7 @@ def facts_of(run: StoredRun, asked: str) -> dict[str, Any]:
     told = run.recording.run
     facts |= {
         **{name: getattr(told, name) for name in ("outcome", "reason", "simulated_s", "distance_m", "recoveries")},
-        "events": [*_event_rows(told.events)],
+        "events": [*event_rows(told.events)],
         "behaviors": [*scenario_spans(run.recording.behaviors, told.simulated_s)],
     }
     if not run.recording.columns:
@@ -187,7 +187,8 @@ def _path(t_ms: NDArray[np.int32], values: NDArray[np.int32]) -> str:
     return "".join(f"{pen}{t_s:g} {y:g}" for pen, (t_s, y) in zip(pens[known].tolist(), places.tolist(), strict=True))
 
 
-def _event_rows(events: Iterable[Event]) -> Iterator[dict[str, Any]]:
+def event_rows(events: Iterable[Event]) -> Iterator[dict[str, Any]]:
+    """Yield time, kind, place, and words of events, without minor ones."""
     for event in events:
         if (text := event_words(event)) is not None:
             yield {"t_s": event.t_s, "kind": event.kind, "x_m": event.x_m, "y_m": event.y_m, "text": text}

@@ -1,6 +1,7 @@
 """The story of a replayed run: its times, highlights, view, and words."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -189,7 +190,9 @@ class Story:
     def happenings(self, after: int, until: int) -> list[str]:
         """Distinct happenings after tick `after` up to tick `until`."""
         events = [e for e in self.run.events if after < tick_of(e) <= until]
-        found = (text.partition(" (")[0] for event in events if (text := event_words(event)))  # without Nav2's names
+        found = (
+            re.sub(r" \([A-Z_]+\)$", "", text) for event in events if (text := event_words(event))
+        )  # without names
         return list(dict.fromkeys(found))
 
     @cached_property

@@ -50,7 +50,7 @@ class Executor(Protocol):
 
     @property
     def closed(self) -> bool:
-        """True once no more units can be submitted."""
+        """Whether it takes no more units."""
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, priority: Priority) -> "Future[Any]":
         """Queue a call of a module-level function; a canceled call that has not begun never runs.

@@ -134,7 +134,7 @@ def apart(small_room, tmp_path, monkeypatch):
     return small_room, maps.parent
 
 
-def test_map_dir_is_searched_for_maps_that_are_not_beside_the_file(apart, tmp_path):
+def test_map_dir_holds_maps_missing_beside_the_file(apart, tmp_path):
     file, maps = apart
     assert called("validate", file, "--map-dir", maps).exit_code == 0
     assert "--map-dir" in refused("validate", file)

@@ -69,7 +69,7 @@ ORPHANS_S = 10.0
 
 
 def undisturbed(lab: Lab, twice: bool = True) -> tuple[Whole, dict[str, tuple[float, float]]]:
-    """The campaign alone: what it comes to, and when each victim was there before anything was executed (s).
+    """Run the campaign undisturbed; return its results, and when each victim was there before any execution (s).
 
     Args:
         twice: The first life makes Prefect's database and compiles kernels, which is not what is to be measured.

@@ -94,7 +94,7 @@ def test_kernel_cache_warns_once_when_folder_is_not_writable(files, tmp_path, ca
     assert line.endswith("(File exists): every process compiles the kernels again")
 
 
-def test_kernel_that_is_in_no_file_or_not_called_is_not_kept(files, tmp_path):
+def test_uncalled_kernel_and_one_without_file_are_not_kept(files, tmp_path):
     numeric.njit(double)
     assert list(tmp_path.iterdir()) == []
     assert numeric.njit(eval("lambda x: 3 * x"))(2) == 6

@@ -138,7 +138,7 @@ def test_waiting_ends_with_program_or_timeout(begun):
         assert run.waiting
 
 
-def test_run_that_is_given_up_leaves_no_process(begun):
+def test_abandoned_run_leaves_no_process(begun):
     with pytest.raises(KeyError), begun() as run:
         run.start(script("import time; time.sleep(600)"))
         run.start(script("import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True)")).wait(120)

@@ -151,7 +151,7 @@ def test_preparation_is_called_once_before_the_units(opened, tmp_path):
         assert file.read().split() == ["prepared", "unit", "unit", "unit"]
 
 
-def test_scheduler_keeps_nothing_that_workers_must_import(opened, dask):
+def test_scheduler_keeps_no_plug_in_of_the_campaign(opened, dask):
     executor = opened()
     executor.prepare(len, "ab")
     assert execute(executor, len, "ab").result(60) == 2
@@ -208,7 +208,7 @@ def test_worker_with_other_code_is_refused_with_both_digests(opened, monkeypatch
         execute(opened(), len, "ab").result(60)
 
 
-def test_late_worker_with_other_code_is_told_once(opened, monkeypatch):
+def test_late_worker_with_other_code_gives_one_notice(opened, monkeypatch):
     executor, retired = opened(), []
     unit = execute(executor, time.sleep, 2.0)
     while executor._client is None:
@@ -222,7 +222,7 @@ def test_late_worker_with_other_code_is_told_once(opened, monkeypatch):
     assert said.startswith("worker tcp://late has other code (aaaaaaaaaaaa)") and retired == [["tcp://late"]] * 3
 
 
-def test_worker_that_does_not_answer_is_left_to_scheduler(opened, monkeypatch):
+def test_silent_worker_is_left_to_scheduler(opened, monkeypatch):
     monkeypatch.setattr(dask_cluster, "identity", _broken_stream)
     assert execute(opened(), len, "ab").result(60) == 2
 

@@ -136,7 +136,7 @@ class WaitForData(Listening):
 
 
 class CheckData(Listening):
-    """`check_data`: until a message, or a member of it, stands in a relation to a value."""
+    """`check_data`: wait until a comparison of a message, or of its member, with a value is true."""
 
     def begin(self, arguments: Mapping[str, Any]) -> None:
         super().begin(arguments)

@@ -54,16 +54,19 @@ def test_campaign_page_names_the_campaign(client, campaign):
     assert "/static/campaign.js" in page.text
 
 
-def test_campaign_page_tells_faults_and_rejections(client, campaign):
+def test_campaign_page_shows_faults_and_rejections(client, campaign):
     assert "rejected" not in client.get("/campaign", params={"c": campaign[0]}).text
     file = campaign[1] / "metadata.json"
     metadata = json.loads(file.read_text())
     fault = {"configuration": "hard-3", "run_index": 1, "stage": "execute", "error": "<b>killed</b>"}
-    metadata["counts"]["rejected"], metadata["faults"] = 2, [fault, "odd"]
+    metadata["counts"]["rejected"], metadata["faults"] = 2, [fault, "odd", fault]
     file.write_text(json.dumps(metadata))
     page = client.get("/campaign", params={"c": campaign[0]}).text
     assert "2 faults</span>, 2 rejected instances" in page
     assert "<li>execute, hard-3: &lt;b&gt;killed&lt;/b&gt;</li>" in page
+    for text in ('{"faults": {"a": 1}}', "{"):
+        file.write_text(text)
+        assert client.get("/campaign", params={"c": campaign[0]}).status_code == 200
 
 
 def test_summary_counts_selection_and_gives_canonical_filter(client, campaign):
