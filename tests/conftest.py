@@ -69,6 +69,14 @@ def pytest_configure(config):
     os.environ["PREFECT_HOME"] = str(Path(folder.name, "prefect"))
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_report_teststatus(report):
+    """Report skipped rows of a case; pytest drops skipped subtests where it doesn't show those that passed."""
+    if isinstance(report, pytest.SubtestReport) and report.skipped and not hasattr(report, "wasxfail"):
+        return "skipped", "s", f"SUBSKIPPED [{report.context.msg}]"
+    return None
+
+
 class GoldenDumper(yaml.SafeDumper):
     """YAML that shows texts of several lines as they are."""
 

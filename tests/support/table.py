@@ -4,9 +4,11 @@ import functools
 import inspect
 import reprlib
 
+import pytest
+
 
 def each_row(names, table):
-    """Run a test for each row of a table, as one case whose failing rows are shown separately.
+    """Run a test for each row of a table, as one case whose failing and skipped rows are shown separately.
 
     A case costs half a millisecond before it runs, in each process of the tests. Rows share the fixtures of their case, but for
     `tmp_path`, which is a folder of its own for each. Where that is not enough: `pytest.mark.parametrize`.
@@ -26,13 +28,20 @@ def each_row(names, table):
             subtests = fixtures["subtests"]
             if "subtests" not in inner:
                 del fixtures["subtests"]
-            folder = fixtures.get("tmp_path")
+            folder, skipped = fixtures.get("tmp_path"), 0
             for number, row in enumerate(table):
                 if folder:
                     fixtures["tmp_path"] = folder / f"row{number}"
                     fixtures["tmp_path"].mkdir()
-                with subtests.test(f"row {number}: {reprlib.repr(row)}"):
-                    test(**fixtures, **dict(zip(names, row, strict=True)))
+                shown = f"row {number}: {reprlib.repr(row)}"
+                with subtests.test(shown):
+                    try:
+                        test(**fixtures, **dict(zip(names, row, strict=True)))
+                    except pytest.skip.Exception as skip:
+                        skipped += 1
+                        pytest.skip(f"{shown}: {skip.msg}")  # pytest shows equal reasons as one
+            if skipped == len(table):
+                pytest.skip("each row was skipped")
 
         case.__signature__ = inspect.Signature(outer)
         return case
