@@ -1,5 +1,6 @@
 """Campaigns that proofs derive from others, run by vastflow, and their runs as a table."""
 
+import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -39,7 +40,12 @@ def map_files(maps: Path, only: Iterable[str] | None) -> list[Path]:
     """
     files = sorted(file for file in maps.glob("*/*.yaml") if not only or file.stem in only)
     if not files:
-        print(f"no maps in {maps}")
+        of_names = f" for {' or '.join(only)}" if only else ""
+        print(
+            f"{maps}: expected maps NAME/NAME.yaml{of_names}, got none. The five maps of the paper's study are in the history of "
+            "https://github.com/cps-test-lab/robovast, below configs/dataset/maps",
+            file=sys.stderr,
+        )
         raise SystemExit(2)
     return files
 

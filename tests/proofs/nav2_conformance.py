@@ -1,10 +1,11 @@
 """Compare controllers and planner with recorded answers of Nav2's code for the same states.
 
-The answers lie in a folder with `mppi.npz`, `navfn.npz`, `dwb.npz` and `rpp.npz`, which is not part of vastflow: that in
-the environment variable NAV2_CONFORMANCE, or `../shared/reference/nav2-conformance` beside the repository. Maps are found
-from there upwards. Prints a table, the greatest distance of each kind and what it may be.
+The answers lie in a folder with `mppi.npz`, `navfn.npz`, `dwb.npz` and `rpp.npz`: that in the environment variable NAV2_CONFORMANCE, the
+whole set in `../shared/reference/nav2-conformance` beside the repository, or else `tests/proofs/nav2_answers`, which `nav2_answers.py` drew
+from it. Maps that NavFn's cases name are found from there upwards. Prints the folder and a table, the greatest distance of each kind
+and what it may be.
 
-Exit code 1 when one is greater than it may be; 2 when there is no such folder.
+Exit code 1 when one is greater than it may be; 2 when answers or a map are missing.
 
     python tests/proofs/nav2_conformance.py
 """
@@ -35,6 +36,8 @@ from vastflow.sim.nav2.navigator.state import AHEAD_POINTS, MEMORY
 
 VARIABLE = "NAV2_CONFORMANCE"
 BESIDE = Path(__file__).parents[3] / "shared" / "reference" / "nav2-conformance"
+DRAWN = Path(__file__).with_name("nav2_answers")
+FILES = ("mppi.npz", "dwb.npz", "rpp.npz", "navfn.npz")
 RESOLUTION_M = 0.05
 OUTLINE = padded_outline(0.22, 0.01)
 UNREACHED = 1e9
@@ -58,17 +61,25 @@ class Distance(NamedTuple):
         return f"| {self.part} | {self.cases} | {self.what} | {found}{self.unit} | {most}{self.unit} |"
 
 
-def folder() -> Path | None:
-    """The folder of recorded answers, or None.
+class MissingAnswersError(Exception):
+    """Answers, or a map that they need, are not where they should be."""
+
+
+def folder() -> Path:
+    """Return the folder of recorded answers.
 
     Raises:
-        NotADirectoryError: the variable names no folder.
+        MissingAnswersError: one of its files is missing.
     """
     given = os.environ.get(VARIABLE)
-    if given and not Path(given).is_dir():
-        raise NotADirectoryError(f"{VARIABLE}={given} is no folder")
-    place = Path(given or BESIDE)
-    return place if place.is_dir() else None
+    place = Path(given) if given else BESIDE if BESIDE.is_dir() else DRAWN
+    for file in FILES:
+        if not (place / file).is_file():
+            raise MissingAnswersError(
+                f"{place / file}: expected recorded answers of Nav2's code, got no file. The checkout has a set in {DRAWN}; "
+                f"{VARIABLE} names a folder with another one"
+            )
+    return place
 
 
 # MPPI.
@@ -305,14 +316,26 @@ def of_navfn(place: Path) -> Iterator[Distance]:
 
 def _inflated(place: Path, case: Mapping[str, Any]) -> Any:
     """The costmap that a plan was made on."""
-    name = str(case["map"])
+    radii = (float(case[name]) for name in ("inscribed_radius_m", "inflation_radius_m", "cost_scaling_factor"))
+    return inflate(
+        case["cells"].copy() if "cells" in case else map_cells(place, str(case["map"])), RESOLUTION_M, *radii
+    )
+
+
+def map_cells(place: Path, name: str) -> Any:
+    """Return the costs of a map's cells before inflation, rows from below.
+
+    Raises:
+        MissingAnswersError: there is no such map above the folder.
+    """
     file = next((up / name for up in (*place.resolve().parents, BESIDE.parents[1]) if (up / name).is_file()), None)
     if file is None:
-        raise FileNotFoundError(f"no map {name} above {place}, nor in {BESIDE.parents[1]}")
+        raise MissingAnswersError(
+            f"{name}: expected a map in a folder above {place}, got no file. A case of NavFn's was recorded on it; the cases in "
+            f"{DRAWN} carry their cells and need no map"
+        )
     occupied = (255.0 - np.asarray(Image.open(file).convert("L"))[::-1].astype(float)) / 255.0
-    costs = np.select([occupied >= 0.65, occupied <= 0.196], [254, 0], 255).astype(np.uint8)
-    radii = (float(case[name]) for name in ("inscribed_radius_m", "inflation_radius_m", "cost_scaling_factor"))
-    return inflate(costs, RESOLUTION_M, *radii)
+    return np.select([occupied >= 0.65, occupied <= 0.196], [254, 0], 255).astype(np.uint8)
 
 
 # What they share.
@@ -386,17 +409,14 @@ def _numbered(file: Path) -> Iterator[dict[str, Any]]:
 
 
 def main() -> int:
-    """Print the table."""
+    """Print the folder and the table."""
     try:
         place = folder()
-    except NotADirectoryError as error:
-        print(f"{error}; the folder with Nav2's answers", file=sys.stderr)
+        found = [each for part in (of_mppi, of_dwb, of_rpp, of_navfn) for each in part(place)]
+    except MissingAnswersError as error:
+        print(error, file=sys.stderr)
         return 2
-    if place is None:
-        print(f"no answers of Nav2's: {VARIABLE} is not set, and {BESIDE} is no folder", file=sys.stderr)
-        return 2
-    found = [each for part in (of_mppi, of_dwb, of_rpp, of_navfn) for each in part(place)]
-    print("| part | cases | distance | greatest | at most |\n|---|---|---|---|---|")
+    print(f"Answers of {place}:\n\n| part | cases | distance | greatest | at most |\n|---|---|---|---|---|")
     print("\n".join(each.row for each in found))
     return 0 if all(each.found <= each.most for each in found) else 1
 

@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from missions import MAPS, parser_of
+from missions import MAPS, map_files, parser_of
 from paper_page import paper_page
 from paper_results import paper_results
 
@@ -44,6 +44,7 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=ROOT / "results")
     parser.add_argument("--page", type=Path, help="where the page is written")
     asked = parser.parse_args()
+    map_files(asked.maps, None)
 
     def run(name: str, sample: int, store: str) -> dict[str, Any]:
         """The summary of one call, with the CPU time of all its processes."""
