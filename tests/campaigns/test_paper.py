@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from outside import NO_MAPS, PAPER_MAPS
 from paper_published import PUBLISHED
 from paper_results import Requested, requested_of
 
@@ -17,9 +18,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT / "campaigns" / "paper"
-MAPS = ROOT.parent / "shared" / "maps"
-
-originals = pytest.mark.skipif(not MAPS.is_dir(), reason="the paper's maps are not beside the repository")
+originals = pytest.mark.skipif(not PAPER_MAPS.is_dir(), reason=NO_MAPS)
 
 
 def of_plan(file, plan, maps=None):
@@ -68,7 +67,7 @@ def test_settings_of_obstacles_have_duplicates_and_rejections():
 
 @originals
 def test_papers_missing_cells_are_proved_impossible():
-    found = of_plan("original-maps/performance.vast", "rooms", MAPS)
+    found = of_plan("original-maps/performance.vast", "rooms", PAPER_MAPS)
     assert requested_of(found.coverage) == Requested(266, 50, 0, 0, 216)
     reasons = {each.reason for each in found.rejections if each.family == "rooms-random"}
     assert len(reasons) == 1 and "this map has no path of 20 m" in reasons.pop()
@@ -84,7 +83,7 @@ def test_papers_missing_cells_are_proved_impossible():
     ],
 )
 def test_paper_maps_have_room_for_paper_configurations(kind, plan, counts):
-    assert requested_of(of_plan(f"original-maps/{kind}.vast", plan, MAPS).coverage) == counts
+    assert requested_of(of_plan(f"original-maps/{kind}.vast", plan, PAPER_MAPS).coverage) == counts
 
 
 @pytest.mark.parametrize("kind", PUBLISHED)

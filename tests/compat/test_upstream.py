@@ -8,15 +8,13 @@ beside it that this takes. A row that is better than that fails nothing; one tha
 """
 
 import json
-import os
 import shutil
 import sys
 from pathlib import Path
 
 import pytest
+from outside import CONFIGS, NO_CONFIGS, ROBOVAST
 
-NAMED = os.environ.get("ROBOVAST_CONFIGS")
-CONFIGS = Path(NAMED) if NAMED else Path(__file__).parents[3] / "shared" / "upstream" / "robovast-configs"
 EXPECTED = json.loads((Path(__file__).parent / "expected.json").read_text())
 RANKS = ("refused", "valid", "ran")
 
@@ -30,8 +28,8 @@ def missing_programs(file):
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
-    if not NAMED and not CONFIGS.is_dir():
-        pytest.skip("RoboVAST's configurations are not here: set ROBOVAST_CONFIGS to the folder `configs` of a clone")
+    if not ROBOVAST and not CONFIGS.is_dir():
+        pytest.skip(f"RoboVAST's configurations are not here: {NO_CONFIGS}")
     sys.path.insert(0, str(Path(__file__).parent))
     try:
         from rows import Trial, rows_of
@@ -47,8 +45,8 @@ def test_expectations_cover_all_files(rows):
 
 @pytest.mark.parametrize("file", EXPECTED)
 def test_file_fares_no_worse_than_it_did(rows, file):
-    if not NAMED and (missing := missing_programs(file)):
-        pytest.skip(f"no {', '.join(missing)} beside {file}: set ROBOVAST_CONFIGS to the folder `configs` of a clone")
+    if not ROBOVAST and (missing := missing_programs(file)):
+        pytest.skip(f"no {', '.join(missing)} beside {file}: {NO_CONFIGS}")
     row, expected = rows[file], EXPECTED[file]
     assert RANKS.index(row.outcome) >= RANKS.index(expected["outcome"]), row
     assert row.configurations >= expected["configurations"], row

@@ -1,18 +1,16 @@
 """Maps drawn in text, for producers that need one."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
+from outside import paper_map
 from PIL import Image
 
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.world.map_file import map_content
 
 GRAY = {".": 254, "#": 0, "?": 205}
-
-SHARED_MAPS = Path(__file__).parents[3] / "shared" / "maps"
 
 
 @pytest.fixture(scope="session")
@@ -43,11 +41,4 @@ def grid_map(drawn_map: Callable[..., FileContent]) -> Callable[..., FileContent
 @pytest.fixture
 def shared_map() -> Callable[[str], FileContent]:
     """One of the five maps of the paper's dataset, which lie beside the repository where they are."""
-
-    def find(name: str) -> FileContent:
-        file = SHARED_MAPS / name / f"{name}.yaml"
-        if not file.is_file():
-            pytest.skip(f"the dataset's map {name!r} is not beside the repository")
-        return map_content(file)
-
-    return find
+    return lambda name: map_content(paper_map(name))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from outside import paper_map
 from PIL import Image
 
 from vastflow.sim.loop.drive import drive
@@ -26,7 +27,6 @@ from vastflow.sim.world.robot_model import Lidar
 CELLS = {".": 0, "#": 100, "?": -1}
 GRAY = {0: 254, 100: 0, -1: 205}
 RESOLUTION_M = 0.05
-SHARED_MAPS = Path(__file__).parents[3] / "shared" / "maps"
 
 
 @pytest.fixture(scope="session")
@@ -171,11 +171,4 @@ def staged(tmp_path: Path, two_rooms: FileContent) -> Callable[..., Scenario]:
 @pytest.fixture(scope="session")
 def shared_map() -> Callable[[str], Path]:
     """One of the five maps of the paper's dataset, which lie beside the repository where they are."""
-
-    def find(name: str) -> Path:
-        file = SHARED_MAPS / name / f"{name}.yaml"
-        if not file.is_file():
-            pytest.skip(f"the dataset's map {name!r} is not beside the repository")
-        return file
-
-    return find
+    return paper_map

@@ -1,8 +1,7 @@
 """Scenario files in the shapes in which people write them for scenario-execution: each drives when it is executed."""
 
-from pathlib import Path
-
 import pytest
+from outside import robovast_file
 
 from vastflow.sim.model.scenario import scenario_of
 from vastflow.sim.reading.abstract import abstract_content, hall_file
@@ -11,8 +10,6 @@ from vastflow.sim.run import execute
 from vastflow.sim.scenario.language.reading import read_scenarios
 from vastflow.sim.scenario.tree.support import unsupported
 from vastflow.sim.world.map_file import map_content
-
-UPSTREAM = Path(__file__).parents[3] / "shared" / "upstream" / "robovast-configs"
 
 IMPORTS = "".join(
     f"import osc.{name}\n" for name in ("helpers", "ros", "nav2", "gazebo", "os", "x11", "floorplan_dsl", "sim")
@@ -58,9 +55,7 @@ def test_scenario_of_each_shape_drives(golden, tmp_path, two_rooms):
     ],
 )
 def test_scenario_of_robovasts_drives(two_rooms, name, given):
-    file = UPSTREAM / name
-    if not file.is_file():
-        pytest.skip("RoboVAST's configurations are not beside the repository")
+    file = robovast_file(name)
     found = driven(file, map_content(hall_file()) if "basic_nav" in name else two_rooms, **given)
     assert (found.outcome, found.reason) == ("succeeded", "")
     assert found.distance_m > 1.0
