@@ -31,7 +31,7 @@ class Facts:
         evidence: By oracle, or None for all together, which `everything` and, for all runs, `all` are of.
         spreads: Of each oracle's metrics.
         shown_oracles: None for all together, and each that can fail a run if there are several.
-        noun: Name of a situation: path or situation.
+        units, noun: Independent units of the configurations, and what one is called.
         maps: Number of maps.
         most_runs: Largest number of judged runs of a configuration.
     """
@@ -54,7 +54,7 @@ class Facts:
         judging = [oracle for oracle in self.evidence if oracle not in MEASURES_ALONE]
         self.shown_oracles = judging if len(judging) > 2 else [None]
         self.several = len(self.shown_oracles) > 1
-        self.noun = "path" if any(tables.configurations.environments) else "situation"
+        self.units, self.noun = tables.units, tables.units.noun
         self.maps = len({*tables.configurations.environments} - {None})
         self.most_runs = int(self.findings.counts[:, :2].sum(axis=1).max(initial=0))
 

@@ -88,7 +88,7 @@ def factor_analysis(
     Args:
         factors, path_properties: (m,) codes each, see `factors_of`.
         passed, judged: (m,) counts.
-        blocks: (m,) equal numbers for dependent configurations, see `blocks_of`; by default each is a block.
+        blocks: (m,) equal numbers for dependent configurations, see `Units`; by default each is a block.
         sets: Factor to (m,) numbers, equal for configurations that are equal in all but the factor; by default those of a block that
             are equal in all other factors.
         first: (m,) passed and judged counts of as many runs of each as a stopping rule allows; by default of all.
