@@ -16,7 +16,7 @@ from vastflow.oracles.figures.scene import scenes_of
 from vastflow.oracles.page.words import position, short
 from vastflow.oracles.results.executed import KeptFiles, environment_names
 from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.statistics.classes import runs_for_a_claim
+from vastflow.oracles.statistics.classes import ClassName, runs_for_a_claim
 from vastflow.oracles.statistics.intervals import thousandths
 
 _PLACES: Final = 3
@@ -59,10 +59,10 @@ class Facts:
         self.most_runs = int(self.findings.counts[:, :2].sum(axis=1).max(initial=0))
 
     @cached_property
-    def least_runs(self) -> int:
-        """Smallest number of runs that can show a class; 0 with a stopping rule that can show one."""
+    def class_needs(self) -> Mapping[ClassName, int]:
+        """Smallest number of runs that can show each class; none with a stopping rule that can show one."""
         rule = stopping_rule(self.metadata)
-        return 0 if rule is not None and rule.decidable else min(runs_for_a_claim().values())
+        return {} if rule is not None and rule.decidable else runs_for_a_claim()
 
     @cached_property
     def failures(self) -> pd.DataFrame:
