@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vastflow.flows.plan.plan import Plan, whys
+from vastflow.flows.plan.power import planned_power
 from vastflow.flows.results.provenance import STAGES, Stage
 from vastflow.flows.terminal.display import terminal_table
 from vastflow.flows.terminal.progress import count_text, duration_text
@@ -53,6 +54,7 @@ def plan_json(plan: Plan, file: str) -> dict[str, Any]:
         "robots": list(plan.robots),
         "estimate_s": round(plan.estimate.wall_s, 1),
         "why": why_json(plan),
+        "power": [each.json for each in planned_power(plan)],
         "faults": [*map(str, plan.unexecutable), *map(str, plan.faults)],
     }
 
@@ -103,6 +105,8 @@ def plan_text(plan: Plan, *, why: bool = False, coverage: bool = False) -> Itera
         about = "about" if plan.least is None else "at most about"
         times = f"{duration_text(plan.estimate.wall_s)} for {duration_text(simulated_s)} of simulated time"
         yield Text(f"estimate: {about} {times} ({plan.estimate.how})")
+    for shown in planned_power(plan):
+        yield Text(str(shown), "dim")
     if why:
         yield from _why_text(plan)
     for fault in plan.faults:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.varied import chosen_rows, chosen_values, matched_sets, path_property_rows
+from vastflow.oracles.judgement.registry import SUCCESS
 from vastflow.oracles.results.factors import factors_of
-from vastflow.oracles.results.tables import FAIL, PASS, Tables
+from vastflow.oracles.results.tables import FAIL, PASS, ConfigurationTable, Tables
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import (
     ClassBounds,
@@ -26,6 +27,7 @@ from vastflow.oracles.statistics.classes import (
 )
 from vastflow.oracles.statistics.dispersion import Dispersion, chance_of_at_least, dispersion
 from vastflow.oracles.statistics.intervals import Counts, Interval, clopper_pearson_intervals, clustered, pooled, wilson
+from vastflow.oracles.statistics.measured import MetricEffect, Runs, metric_effects
 
 Weights = Mapping[str, int]
 """Configuration to the number of requests; 1 for those not in it."""
@@ -87,17 +89,19 @@ class Design:
 
     Attributes:
         families: Of these configurations; a family can be in several designs.
+        metrics: Effects on what is measured of runs that reached their goals.
         alone, lacking: Keys that some other design lacks, or has in addition.
     """
 
     families: tuple[str, ...]
     analysis: FactorAnalysis
+    metrics: tuple[MetricEffect, ...] = ()
     alone: tuple[str, ...] = ()
     lacking: tuple[str, ...] = ()
 
     @property
     def matters(self) -> bool:
-        """Whether an effect of any factor or pair is shown."""
+        """Whether an effect of any factor or pair on the failure rate is shown."""
         found = self.analysis
         return any(each.matters for each in found.factors) or any(each.claim.shown for each in found.interactions)
 
@@ -188,7 +192,14 @@ def findings_json(findings: Findings) -> dict[str, Any]:
         },
         "total_failures": {**asdict(findings.total_failures), "share": findings.total_failures.share},
         "dispersion": _plain(findings.dispersion),
-        "factors": [{"families": list(design.families), **_plain(design.analysis)} for design in findings.designs],
+        "factors": [
+            {
+                "families": list(design.families),
+                **_plain(design.analysis),
+                "metrics": [asdict(each) for each in design.metrics],
+            }
+            for design in findings.designs
+        ],
         "weighted": _plain(findings.weighted),
         "saved": _plain(findings.savings),
     }
@@ -196,6 +207,14 @@ def findings_json(findings: Findings) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     return None if value is None else asdict(value)
+
+
+def by_varying_keys(found: ConfigurationTable) -> dict[frozenset[str], list[int]]:
+    """Places among the distinct configurations of those that are compared: the same keys vary in them."""
+    by_keys: dict[frozenset[str], list[int]] = {}
+    for place, k in enumerate(found.distinct):
+        by_keys.setdefault(frozenset(chosen_values(found, k)), []).append(place)
+    return by_keys
 
 
 def _designs(
@@ -209,9 +228,7 @@ def _designs(
         np.bincount(verdicts.configuration[granted & (verdicts.together == code)], minlength=len(found))
         for code in (PASS, FAIL)
     )
-    by_keys: dict[frozenset[str], list[int]] = {}
-    for place, k in enumerate(found.distinct):
-        by_keys.setdefault(frozenset(chosen_values(found, k)), []).append(place)
+    by_keys = by_varying_keys(found)
     known = frozenset().union(*by_keys)
     common = known.intersection(*by_keys)
     for keys, places in by_keys.items():
@@ -222,18 +239,47 @@ def _designs(
             rows = [{"family": found.families[k], **row} for k, row in zip(at, rows, strict=True)]
         factors, dropped = factors_of(rows)
         seen, unseen = factors_of(path_property_rows(found, at))
+        units, sets = tables.units.codes[at], {f.name: matched_sets(found, at.tolist(), f.name) for f in factors}
         analysis = factor_analysis(
             factors,
             passed[places],
             judged[places],
-            [tables.blocks[found.names[k]] for k in at],
+            units,
             dropped + unseen,
             path_properties=seen,
-            sets={factor.name: matched_sets(found, at.tolist(), factor.name) for factor in factors},
+            sets=sets,
             first=(first_passed[at], (first_passed + first_failed)[at]),
         )
         if analysis is not None:
-            yield Design(families, analysis, tuple(sorted(keys - common)), tuple(sorted(known - keys)))
+            measured = metric_effects(factors, sets, units, _runs(tables, at), analysis.error) if factors else ()
+            yield Design(families, analysis, measured, tuple(sorted(keys - common)), tuple(sorted(known - keys)))
+
+
+METRICS: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
+    "time": (("success", "time"),),
+    "recoveries": (("success", "recoveries"),),
+    "clearance": (("navigation", "minimum_clearance"), ("safety", "smallest_separation")),
+    "localization error": (("robustness", "mean"),),
+    "path error": (("performance", "rmse"),),
+}
+"""What factors are compared by beside the failure rate: the first of these metrics of oracles that there is."""
+
+
+def _runs(tables: Tables, at: NDArray[np.int64]) -> Runs:
+    """The runs of the configurations `at`, with the metrics of `METRICS`; none of them reached a goal without the oracle `success`."""
+    verdicts = tables.verdicts
+    place = np.full(len(tables.configurations), -1)
+    place[at] = np.arange(len(at))
+    of_run = place[verdicts.configuration]
+    some = of_run >= 0
+    if SUCCESS not in verdicts.oracles:
+        return Runs(of_run[some], verdicts.run_index[some], np.zeros(int(some.sum()), dtype=np.bool_), {})
+    metrics = {}
+    for name, sources in METRICS.items():
+        known = (verdicts.metrics(oracle).get(metric) for oracle, metric in sources if oracle in verdicts.oracles)
+        if (column := next(filter(None, known), None)) is not None:
+            metrics[name] = column.unit, column.values[some]
+    return Runs(of_run[some], verdicts.run_index[some], verdicts.of(SUCCESS)[some] == PASS, metrics)
 
 
 def found_text(said: Mapping[str, Any]) -> str:

@@ -37,7 +37,7 @@ class Pairing:
         ambiguous: Names in the later campaign of configurations with several possible counterparts.
         oracles: Oracles of both campaigns, which judge the pairs.
         lonely_before, lonely_after: Runs of paired configurations whose seed the other campaign lacks.
-        block: (M,) block number of each match, see `blocks_of`.
+        block: (M,) unit of each match, see `Units`.
         configuration: (P,) index into `matches`.
         run_before, run_after: (P,) run index.
         said_before, said_after: (P, oracles) codes of judgements.

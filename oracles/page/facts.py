@@ -16,7 +16,7 @@ from vastflow.oracles.figures.scene import scenes_of
 from vastflow.oracles.page.words import position, short
 from vastflow.oracles.results.executed import KeptFiles, environment_names
 from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.statistics.classes import runs_for_a_claim
+from vastflow.oracles.statistics.classes import ClassName, runs_for_a_claim
 from vastflow.oracles.statistics.intervals import thousandths
 
 _PLACES: Final = 3
@@ -31,7 +31,7 @@ class Facts:
         evidence: By oracle, or None for all together, which `everything` and, for all runs, `all` are of.
         spreads: Of each oracle's metrics.
         shown_oracles: None for all together, and each that can fail a run if there are several.
-        noun: Name of a situation: path or situation.
+        units, noun: Independent units of the configurations, and what one is called.
         maps: Number of maps.
         most_runs: Largest number of judged runs of a configuration.
     """
@@ -54,15 +54,15 @@ class Facts:
         judging = [oracle for oracle in self.evidence if oracle not in MEASURES_ALONE]
         self.shown_oracles = judging if len(judging) > 2 else [None]
         self.several = len(self.shown_oracles) > 1
-        self.noun = "path" if any(tables.configurations.environments) else "situation"
+        self.units, self.noun = tables.units, tables.units.noun
         self.maps = len({*tables.configurations.environments} - {None})
         self.most_runs = int(self.findings.counts[:, :2].sum(axis=1).max(initial=0))
 
     @cached_property
-    def least_runs(self) -> int:
-        """Smallest number of runs that can show a class; 0 with a stopping rule that can show one."""
+    def class_needs(self) -> Mapping[ClassName, int]:
+        """Smallest number of runs that can show each class; none with a stopping rule that can show one."""
         rule = stopping_rule(self.metadata)
-        return 0 if rule is not None and rule.decidable else min(runs_for_a_claim().values())
+        return {} if rule is not None and rule.decidable else runs_for_a_claim()
 
     @cached_property
     def failures(self) -> pd.DataFrame:

@@ -30,7 +30,7 @@ from vastflow.oracles.page.section import (
     configuration_cells,
     rate_cell,
 )
-from vastflow.oracles.page.words import percent, plural, short
+from vastflow.oracles.page.words import class_needs_text, percent, plural, short
 from vastflow.oracles.results import coverage
 from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.statistics.classes import passes_that_show
@@ -121,11 +121,10 @@ def rates_section(facts: Facts) -> Section:
 def classes_section(facts: Facts) -> Section:
     """The section on reliable, systematic, and flaky configurations."""
     findings, found = facts.findings, facts.tables.configurations
-    classes, most, least = findings.classes, facts.most_runs, facts.least_runs
+    classes, most = findings.classes, facts.most_runs
     summary = ", ".join(f"{classes.count(name):,} {name}" for name in CLASS_COLORS if classes.count(name))
     if classes.count("undecided") == len(classes.names):
-        why = f": {plural(most, 'run')} can't show a class, that takes at least {least}" if most < least else ""
-        summary = f"all {len(classes.names):,} undecided{why}"
+        summary = f"all {len(classes.names):,} undecided. {class_needs_text(most, facts.class_needs)}".rstrip(". ")
     many = stopping_rule(facts.metadata) is not None or most > _MOST_LISTED
     rows = [
         [

@@ -1,15 +1,20 @@
 """Words: rates, intervals, numbers, values, and factors as people read them."""
 
 import json
+from collections.abc import Mapping
 from itertools import groupby
 from typing import Any, Final
 
 from markupsafe import Markup
 
 from vastflow.oracles.evidence.causes import Criterion
+from vastflow.oracles.results.units import Units
 from vastflow.oracles.statistics.analysis import FactorAnalysis
+from vastflow.oracles.statistics.classes import ClassName
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, InteractionEffect, LevelEffect
 from vastflow.oracles.statistics.intervals import Interval
+from vastflow.oracles.statistics.measured import MetricEffect
+from vastflow.oracles.statistics.power import Power
 
 _NARROW: Final = 50
 """Width in thousandths of intervals that are shown with a decimal."""
@@ -109,35 +114,84 @@ def short(value: Any) -> str:
     return str(value)
 
 
-def factor_text(factor: FactorEffect, noun: str) -> str:
+def factor_text(factor: FactorEffect, units: Units) -> str:
     """`radius matters on these 4 paths: 0.45 fails 20 of 20 runs (p ≤ 0.0001). …`"""
     if not factor.these.shown:
         told = (
-            f"; on these {noun}s it is not shown ({p_text(factor.these)})" if factor.these.p_value is not None else ""
+            f"; on these {units.noun}s it is not shown ({p_text(factor.these)})"
+            if factor.these.p_value is not None
+            else ""
         )
-        return f"{factor.name} matters for {noun}s like these ({p_text(factor.others)}): {_levels_text(factor)}{told}."
-    where = f"these {factor.situations} {noun}s" if factor.situations > 1 else f"this {noun}"
-    said = f"{factor.name} matters on {where}: {_levels_text(factor)} ({p_text(factor.these)})."
-    return f"{said} {others_text(factor, noun)}"
+        said = f"{factor.name} matters for other {units.others} ({p_text(factor.others)})"
+        return f"{said}: {_levels_text(factor)}{told}."
+    said = f"{factor.name} matters on {_these(factor, units)}: {_levels_text(factor)} ({p_text(factor.these)})."
+    return f"{said} {others_text(factor, units)}"
 
 
-def others_text(factor: FactorEffect, noun: str) -> str:
+def _these(effect: FactorEffect | MetricEffect, units: Units) -> str:
+    return f"these {effect.situations} {units.noun}s" if effect.situations > 1 else f"this {units.noun}"
+
+
+def metric_text(effect: MetricEffect, units: Units) -> str:
+    """`controller matters for the time on these 7 paths: MPPI 36.8 s, DWB 18.5 s (p ≤ 0.0001). MPPI is above DWB in 14 of 14 situations, …`"""
+    unit = "" if effect.unit in ("", "1") else f"\N{NO-BREAK SPACE}{effect.unit}"
+    means = sorted(zip(effect.means, effect.levels, strict=True), reverse=True)
+    listed = ", ".join(f"{level} {number(mean)}{unit}" for mean, level in means)
+    said = (
+        f"{effect.name} matters for the {effect.metric} on {_these(effect, units)}: {listed} ({p_text(effect.these)})."
+    )
+    if not effect.these.shown:
+        said = f"{effect.name} matters for the {effect.metric} on other {units.others}: {listed}."
+    apart = f"{effect.highest} is above {effect.lowest} in {effect.above} of {effect.sets} situations, by {number(effect.difference)}{unit} on average"
+    ends = effect.interval if effect.others.shown else None
+    if ends is not None and (ends[0] > 0 or ends[1] < 0):
+        apart += f" ({number(ends[0])} … {number(ends[1])} on other {units.others})"
+    return f"{said} {apart}. {others_text(effect, units)} {reached_text(effect)}"
+
+
+def reached_text(effect: MetricEffect) -> str:
+    """`Compared where all reached the goal: 40 of 42 rounds.`"""
+    out = f", without {', '.join(effect.left_out)}, where fewer than half did" if effect.left_out else ""
+    return f"Compared where all reached the goal: {effect.rounds:,} of {plural(effect.of, 'round')}{out}."
+
+
+def power_text(power: Power, units: Units) -> str:
+    """`So many runs show 35 points on these paths in 8 of 10 campaigns, and 50 points for other paths on this map.`"""
+    these, others = (None if each is None else f"{100 * each:.0f} points" for each in (power.these, power.others))
+    here = f"{these or 'no effect'} on these {units.noun}s in 8 of 10 campaigns"
+    return f"So many runs show {here}, and {others or 'none, however large,'} for other {units.others}."
+
+
+def class_needs_text(runs: int, needs: Mapping[ClassName, int]) -> str:
+    """`3 runs of a configuration can't show that it is flaky (at least 10), or reliable or systematic (at least 14).`, or empty."""
+    by_runs: dict[int, list[str]] = {}
+    for name, least in sorted(needs.items()):
+        if runs < least:
+            by_runs.setdefault(least, []).append(name)
+    parts = [f"{' or '.join(names)} (at least {least})" for least, names in sorted(by_runs.items())]
+    return f"{plural(runs, 'run')} of a configuration cannot show that it is {', or '.join(parts)}." if parts else ""
+
+
+def others_text(effect: FactorEffect | MetricEffect, units: Units) -> str:
     """Whether an effect is shown for other situations, and if not, the situations needed."""
-    if factor.needed is not None and not factor.others.shown:
-        some = f"{factor.situations} {noun}s" if factor.situations > 1 else f"One {noun}"
-        return f"{some} cannot show it for other {noun}s; {factor.needed} can."
-    if factor.others.adjusted is None:
-        return f"For other {noun}s it cannot be told: {factor.others.note}."
-    shown = "" if factor.others.shown else ", which shows nothing"
-    return f"For other {noun}s: {p_text(factor.others)}{shown}."
+    if effect.needed is not None and not effect.others.shown:
+        some = f"{effect.situations} {units.noun}s" if effect.situations > 1 else f"One {units.noun}"
+        said = f"{some} cannot show it for other {units.others}; {effect.needed.fewest} only if all agree"
+        enough = effect.needed.enough
+        return f"{said}{'' if enough is None else f', and about {enough} show 30 points in 8 of 10 campaigns'}."
+    if effect.others.adjusted is None:
+        return f"For other {units.others} it cannot be told: {effect.others.note}."
+    shown = "" if effect.others.shown else ", which shows nothing"
+    return f"For other {units.others}: {p_text(effect.others)}{shown}."
 
 
-def powerless_text(found: FactorAnalysis, noun: str) -> str:
-    """`6 paths are too few to show, for other paths, an effect of a, however large.`, or empty."""
+def powerless_text(found: FactorAnalysis, units: Units) -> str:
+    """`6 paths are too few to show, for other paths on this map, an effect of a, however large.`, or empty."""
+    noun = units.noun
     names, pairs = found.powerless
     claims = [f"an effect of {' or '.join(names)}"] if names else []
     claims += [f"any of {pairs} interactions" if pairs > 1 else "an interaction"] if pairs else []
-    few = f"{plural(found.blocks, noun)} {'is' if found.blocks == 1 else 'are'} too few to show, for other {noun}s, "
+    few = f"{plural(found.blocks, noun)} {'is' if found.blocks == 1 else 'are'} too few to show, for other {units.others}, "
     return f"{few}{', or '.join(claims)}, however large." if claims else ""
 
 

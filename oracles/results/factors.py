@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -73,21 +73,6 @@ def factors_of(rows: Sequence[Mapping[str, Any]]) -> tuple[list[Factor], list[Dr
         else:
             factors.append(factor)
     return factors, dropped
-
-
-def blocks_of(scenarios: Iterable[Mapping[str, Any]]) -> Codes:
-    """Block numbers (m,), equal for configurations with one map and one task, whatever their obstacles and system.
-
-    Configurations on one path share its difficulty and are not independent where maps or path lengths are compared.
-
-    Args:
-        scenarios: The dimensions `environment`, `task` and `system` of each configuration, as in the column `scenario`.
-    """
-    keys = [_text([row.get("environment", {}).get("map_file"), row.get("task", {})]) for row in scenarios]
-    numbers = {key: k for k, key in enumerate(dict.fromkeys(keys))}
-    # Without map and task (programs under test) nothing is shared.
-    alone = _text([None, {}])
-    return np.array([len(keys) + k if key == alone else numbers[key] for k, key in enumerate(keys)], dtype=np.int64)
 
 
 def _factor(name: str, values: Sequence[Any], known: Mapping[str, Any]) -> Factor | None:

@@ -15,8 +15,8 @@ import pyarrow.json
 from numpy.typing import NDArray
 
 from vastflow.oracles.judgement.verdict import Judgement
-from vastflow.oracles.results.factors import blocks_of
 from vastflow.oracles.results.schema import METRICS, codes, floats, integers, read_columns, table_rows, text_batches
+from vastflow.oracles.results.units import Units, units_of
 from vastflow.sim.model.files import read_json, read_text
 
 if TYPE_CHECKING:
@@ -260,10 +260,14 @@ class Tables:
         return self.verdicts.oracles
 
     @cached_property
+    def units(self) -> Units:
+        """Independent units of the configurations, in their order."""
+        return units_of(self.configurations.contents)
+
+    @cached_property
     def blocks(self) -> Mapping[str, int]:
-        """Configuration to block number, see `blocks_of`."""
-        found = self.configurations
-        return dict(zip(found.names, blocks_of(found.contents).tolist(), strict=True))
+        """Configuration to the number of its unit."""
+        return dict(zip(self.configurations.names, self.units.codes.tolist(), strict=True))
 
     @cached_property
     def families(self) -> Mapping[str, list[str]]:

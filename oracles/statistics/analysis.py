@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,10 @@ from vastflow.oracles.statistics.effects import Claim, FactorEffect, FactorModel
 from vastflow.oracles.statistics.intervals import Floats, counts
 from vastflow.oracles.statistics.linear import Contrasts
 
-E = TypeVar("E", FactorEffect, InteractionEffect)
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+E = TypeVar("E", bound="DataclassInstance")
 LEAST_DRAWS: Final = 999
 MOST_DRAWS: Final = 9999
 
@@ -88,7 +91,7 @@ def factor_analysis(
     Args:
         factors, path_properties: (m,) codes each, see `factors_of`.
         passed, judged: (m,) counts.
-        blocks: (m,) equal numbers for dependent configurations, see `blocks_of`; by default each is a block.
+        blocks: (m,) equal numbers for dependent configurations, see `Units`; by default each is a block.
         sets: Factor to (m,) numbers, equal for configurations that are equal in all but the factor; by default those of a block that
             are equal in all other factors.
         first: (m,) passed and judged counts of as many runs of each as a stopping rule allows; by default of all.
@@ -114,10 +117,10 @@ def factor_analysis(
         else:
             alike = np.asarray(sets[factor.name])[some]
         mains.append(model.effect(factor, looked_at, alike))
-    mains = _told(_told(mains, "these", error), "others", error)
-    effects = _told([model.interaction(*pair) for pair in pairs], "claim", error)
+    mains = adjusted_claims(adjusted_claims(mains, "these", error), "others", error)
+    effects = adjusted_claims([model.interaction(*pair) for pair in pairs], "claim", error)
     beside = (FactorModel((*present, each), contrasts, runs, error).effect(each, (runs * rates, runs)) for each in seen)
-    around = _told(list(beside), "others", error)
+    around = adjusted_claims(list(beside), "others", error)
     varying = {each.name for each in (*present, *seen)}
     lost = [
         Dropped(f.name, "has one level among the judged") for f in (*factors, *path_properties) if f.name not in varying
@@ -134,7 +137,7 @@ def factor_analysis(
     )
 
 
-def _told(effects: Sequence[E], name: str, error: float) -> list[E]:
+def adjusted_claims(effects: Sequence[E], name: str, error: float) -> list[E]:
     """Adjust the claims `name` by Holm; a claim is powerless if its lowest possible p-value stays too high."""
     claims: list[Claim] = [getattr(effect, name) for effect in effects]
     adjusted = holm([claim.p_value for claim in claims])

@@ -25,7 +25,7 @@ class Pairs:
     Attributes:
         configuration: (P,) number of the pair's configuration.
         before, after: (P,) whether the run of each campaign passed.
-        block: (P,) number of its block, see `blocks_of`; by default each configuration is one.
+        block: (P,) number of its block, see `Units`; by default each configuration is one.
     """
 
     configuration: Codes = field(repr=False)

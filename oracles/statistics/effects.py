@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from vastflow.oracles.results.factors import Factor
 from vastflow.oracles.statistics.intervals import Floats, Interval, clustered_interval
 from vastflow.oracles.statistics.linear import Contrasts, Margins, Tested, Trend, trend_of
-from vastflow.oracles.statistics.matched import Codes, matched, means_of, needed, permuted, table_of
+from vastflow.oracles.statistics.matched import Codes, matched, means_of, permuted, table_of
+from vastflow.oracles.statistics.power import Needed, Power, needed_for, power_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,6 @@ class LevelEffect:
         difference: Mantel and Haenszel's difference to the level with the fewest failures; None without matched sets.
         rate: Mean over the configurations with this level.
         adjusted: Mean if all configurations had this level and their own levels of the other factors, effects added up.
-        interval: Of `adjusted`, blocks as clusters.
     """
 
     level: str
@@ -34,7 +34,6 @@ class LevelEffect:
     configurations: int
     rate: float
     adjusted: float
-    interval: Interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +62,14 @@ class FactorEffect:
 
     Attributes:
         highest, lowest: Levels with the highest and the lowest adjusted failure rate.
-        difference: Between the two; its interval allows for their choice among all pairs of levels (Bonferroni).
+        difference: Between the two.
         share: Of the variance between configurations that the factor explains beyond the others, repetition noise removed.
         these: Whether it has an effect on these situations, see `Matched`.
         others: Whether it has a mean effect on other situations like these, by permutations within situations or else by `Contrasts`;
             for a number with a trend, twice the smaller p-value of levels and trend (Bonferroni).
         situations: Blocks with matched sets.
-        needed: Situations from which `others` could be shown; None where there are enough.
+        needed: Situations that could show an effect for others; None where these can.
+        power: Least effects shown by as many situations and runs; None without matched sets.
         rates: Failure rate of each situation at each level, None where it has none.
         trend: For a number with three values or more.
     """
@@ -79,14 +79,14 @@ class FactorEffect:
     highest: str
     lowest: str
     difference: float
-    difference_interval: tuple[float, float]
     share: float
     these: Claim
     others: Claim
     situations: int = 0
-    needed: int | None = None
+    needed: Needed | None = None
     rates: tuple[tuple[float | None, ...], ...] = field(default=(), repr=False)
     trend: Trend | None = None
+    power: Power | None = None
 
     @property
     def matters(self) -> bool:
@@ -150,7 +150,7 @@ class FactorModel:
         missing = [(factor.codes < 0).astype(np.float64) for factor in factors if (factor.codes < 0).any()]
         self._constant = np.column_stack([np.ones(len(runs)), *missing])
         self._matrix = np.column_stack([self._constant, *self._columns.values()])
-        self.margins = Margins(self._matrix, contrasts.response, contrasts.blocks, runs)
+        self.margins = Margins(self._matrix, contrasts.response)
         noise = repetition(contrasts.response, runs) / runs
         self.between = max(0.0, float(contrasts.response.var(ddof=1)) - float(noise.mean()))
 
@@ -168,38 +168,39 @@ class FactorModel:
             trend = trend_of(self._contrasts, factor.values, others, self._runs, self._error)
         count, rates = len(factor.levels), self._contrasts.response
         groups = [factor.codes == k for k in range(count)]
-        found = self.margins.at(self._points(factor), groups)
+        means = self.margins.at(self._points(factor), groups)
         numbers = None if factor.values is None else np.array([factor.values[group].mean() for group in groups])
         situations, both, table = self._contrasts.blocks, None, None
         if sets is not None:
-            situations = _joined(situations, sets)
+            situations = joined(situations, sets)
             both = matched(*first, factor.codes, sets, numbers)
             table = None if both is None else table_of(rates, factor.codes, sets, situations)
         failed, n = (np.array([part[group].sum() for group in groups]) for part in first)
         if both:
             failed, n = both.failed.sum(axis=0), both.runs.sum(axis=0)
-        base, intervals = int(np.argmin(failed / np.maximum(n, 1))), found.intervals(1 - self._error)
+        base = int(np.argmin(failed / np.maximum(n, 1)))
         levels = []
         for k, (level, group) in enumerate(zip(factor.levels, groups, strict=True)):
             apart, ends = (both.difference(k, base) if both and k != base else None) or (None, None)
-            size, rate, mean = int(group.sum()), float(rates[group].mean()), float(found.means[k])
-            levels.append(LevelEffect(level, int(failed[k]), int(n[k]), apart, ends, size, rate, mean, intervals[k]))
-        low, high = int(found.means.argmin()), int(found.means.argmax())
-        more = None
+            size, rate, mean = int(group.sum()), float(rates[group].mean()), float(means[k])
+            levels.append(LevelEffect(level, int(failed[k]), int(n[k]), apart, ends, size, rate, mean))
+        low, high = int(means.argmin()), int(means.argmax())
+        more = power = None
         if table is None:
             claim = _of_either(tested, trend)
         else:
             claim = Claim(permuted(table, numbers), least=math.factorial(count) ** (1.0 - len(table)))
+            design = count, max(1, round(self._runs.sum() / table.size)), len(self._columns), self._error
+            power = power_of(len(table), *design)
             if claim.least * len(self._columns) > self._error:
-                more = needed(count, len(self._columns), self._error)
+                more = needed_for(*design)
         by_situation = means_of(first[0] / np.maximum(first[1], 1), situations, factor.codes, count)
         return FactorEffect(
             factor.name,
             tuple(levels),
             factor.levels[high],
             factor.levels[low],
-            float(found.means[high] - found.means[low]),
-            found.difference(high, low, 1 - self._error / (count * (count - 1) / 2)),
+            float(means[high] - means[low]),
             self._share(tested),
             Claim(None, "no matched configurations") if both is None else Claim(both.p_value),
             claim,
@@ -207,6 +208,7 @@ class FactorModel:
             more,
             tuple(tuple(None if np.isnan(rate) else rate for rate in row) for row in by_situation.tolist()),
             trend,
+            power,
         )
 
     def interaction(self, a: Factor, b: Factor) -> InteractionEffect:
@@ -291,7 +293,7 @@ def _is_between(factor: Factor, blocks: Codes) -> bool:
     return len(np.unique(blocks)) == len(np.unique(np.stack((blocks, factor.codes)), axis=1).T)
 
 
-def _joined(blocks: Codes, sets: Codes) -> Codes:
+def joined(blocks: Codes, sets: Codes) -> Codes:
     """Numbers (m,) of situations: blocks that share sets."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -133,7 +133,7 @@ def clustered_interval(
 
     Args:
         passed, judged: (m,), one entry a configuration; passes may be fractions.
-        blocks: (m,) equal numbers for configurations of one block (see `blocks_of`), which are the clusters where there are several.
+        blocks: (m,) equal numbers for configurations of one block (see `Units`), which are the clusters where there are several.
 
     Returns:
         None for fewer than two configurations with judged runs.

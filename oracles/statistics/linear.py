@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.statistics.intervals import Floats, Interval, few_clusters, interval, wilson_intervals
+from vastflow.oracles.statistics.intervals import Floats
 
 _SEED: Final = 1949
 """Seed of the random orders: equal data give equal p-values."""
@@ -27,6 +27,7 @@ class Tested:
         degrees: Independent columns beyond the others.
         variance: Of the response, that the columns explain beyond as many columns of noise.
         least: The lowest p-value that so few blocks can give, however large the effect; 0 where blocks do not limit it.
+        slope: Of a single column: its coefficient, the standard error with blocks as units, and degrees of freedom; None for few blocks.
     """
 
     p_value: float | None
@@ -34,6 +35,7 @@ class Tested:
     variance: float = 0.0
     why: str = ""
     least: float = 0.0
+    slope: tuple[float, float, float] | None = None
 
 
 class Contrasts:
@@ -89,13 +91,17 @@ class Contrasts:
         residual = y - basis @ (basis.T @ y)
         total, explained = float(residual @ residual), float(((tested.T @ residual) ** 2).sum())
         if total <= _TINY:
-            return Tested(1.0, q)
+            return Tested(1.0, q, slope=(0.0, 0.0, left) if q == 1 else None)
         orders = self._orders_within if used else self._orders_between
         permuted = _permuted(residual, tested, basis, orders)
-        robust = _robust(y, residual, tested, basis, units, left)
+        robust, deviation, freedom = _robust(y, residual, tested, basis, units, left)
         noise = max(total - explained, 0.0) / left
         least = 0.0 if used else _least(columns, others, q)
-        return Tested(max(permuted, robust), q, max(0.0, explained - q * noise) / len(y), least=least)
+        slope = None
+        if degrees == 1 and (not used or _is_clustered(q, units)):
+            norm = float(left_over[:, 0] @ left_over[:, 0])
+            slope = (float(left_over[:, 0] @ residual) / norm, deviation / math.sqrt(norm), freedom)
+        return Tested(max(permuted, robust), q, max(0.0, explained - q * noise) / len(y), least=least, slope=slope)
 
     @cached_property
     def _orders_between(self) -> NDArray[np.int32]:
@@ -146,18 +152,26 @@ def _permuted(residual: Floats, tested: Floats, basis: Floats, orders: NDArray[n
     return (1 + larger) / (1 + drawn)
 
 
-def _robust(y: Floats, residual: Floats, tested: Floats, basis: Floats, units: NDArray[np.int64], left: int) -> float:
-    """p-value of Hotelling's F of the effects over their sandwich covariance; single values have `left` degrees of freedom."""
+def _is_clustered(q: int, units: NDArray[np.int64]) -> bool:
+    return 2 * q + 2 <= int(units.max()) + 1 < len(units)
+
+
+def _robust(
+    y: Floats, residual: Floats, tested: Floats, basis: Floats, units: NDArray[np.int64], left: int
+) -> tuple[float, float, float]:
+    """p-value of Hotelling's F of the effects over their sandwich covariance, standard error of the first, and degrees of freedom.
+
+    Single values have `left` degrees of freedom.
+    """
     from scipy.special import fdtrc
 
     q, count = tested.shape[1], int(units.max()) + 1
-    clustered = 2 * q + 2 <= count < len(y)
     effects = tested.T @ residual
     errors = residual - tested @ effects
     leverage = (tested**2).sum(axis=1) + (basis**2).sum(axis=1)
     scores = tested * (errors / np.sqrt(np.maximum(1.0 - leverage, 0.05)))[:, None]
     freedom = left + q - 1
-    if clustered:
+    if _is_clustered(q, units):
         sums = np.zeros((count, q))
         np.add.at(sums, units, scores)
         scores, freedom = sums * np.sqrt(count / (count - 1)), min(freedom, count - 1)
@@ -166,7 +180,8 @@ def _robust(y: Floats, residual: Floats, tested: Floats, basis: Floats, units: N
     covariance += np.eye(q) * max(float(np.trace(covariance)), _TINY) * 1e-9
     found = float(effects @ np.linalg.solve(covariance, effects))
     remaining = freedom - q + 1
-    return float(fdtrc(q, remaining, found * remaining / (freedom * q)))
+    p_value = float(fdtrc(q, remaining, found * remaining / (freedom * q)))
+    return p_value, math.sqrt(float(covariance[0, 0])), freedom
 
 
 def beyond(columns: Floats, others: Floats) -> tuple[Floats, Floats]:
@@ -182,98 +197,34 @@ def _basis(columns: Floats) -> Floats:
     return basis
 
 
-@dataclass(frozen=True, eq=False)
-class MarginalMeans:
-    """Means of k points of a model of rates.
-
-    Attributes:
-        means: (k,) within 0..1.
-        covariance: (k, k), blocks as clusters.
-        units: (k,) blocks at each point's level.
-        most: (k,) their runs, which bound the effective number.
-    """
-
-    means: Floats
-    covariance: Floats = field(repr=False)
-    units: Floats
-    most: Floats
-
-    def intervals(self, level: float) -> list[Interval]:
-        """Wilson intervals at the effective number of independent runs.
-
-        That is p(1 - p)/V, reduced by (z/t)² for the few blocks behind V (Korn and Graubard, Survey Methodology 24 (1998) 193). Where a
-        level always or never fails, V is zero and each block counts once.
-        """
-        p, variance = self.means, np.diagonal(self.covariance)
-        inside = (p > 0) & (p < 1)
-        few = few_clusters(self.units, level)
-        known = inside & (variance > 1e-15)
-        effective = np.where(
-            known, p * (1 - p) / np.where(known, variance, 1.0) * few, np.where(inside, self.most, self.units)
-        )
-        n = np.minimum(effective, self.most)
-        return [interval(ends) for ends in wilson_intervals(n * p, n, level)]
-
-    def difference(self, a: int, b: int, level: float) -> tuple[float, float]:
-        """Interval of means[a] - means[b] (Newcombe 1998, method 10; Zou and Donner, Stat. in Medicine 27 (2008) 1693)."""
-        one, two = (self.intervals(level)[k] for k in (a, b))
-        p, q = float(self.means[a]), float(self.means[b])
-        scale = float(np.sqrt(self.covariance[a, a] * self.covariance[b, b]))
-        together = float(np.clip(self.covariance[a, b] / scale, -1.0, 1.0)) if scale > 1e-15 else 0.0
-
-        def reach(first: float, second: float) -> float:
-            return float(np.sqrt(max(0.0, first**2 + second**2 - 2 * together * first * second)))
-
-        down, up = reach(p - one.low, two.high - q), reach(one.high - p, q - two.low)
-        return max(-1.0, p - q - down), min(1.0, p - q + up)
-
-
 class Margins:
-    """A linear model of `response` (m,) on the columns of `model` (m, columns), which may be dependent; residuals are HC2's.
-
-    Args:
-        blocks: (m,) 0..G - 1.
-        runs: (m,) behind each response.
+    """A linear model of `response` (m,) on the columns of `model` (m, columns), which may be dependent.
 
     Attributes:
         fitted: (m,).
         explained: Variance of `fitted` beyond that of as many columns of noise.
     """
 
-    def __init__(self, model: Floats, response: Floats, blocks: NDArray[np.int64], runs: Floats) -> None:
-        self._model, self._response, self._blocks, self._runs = model, response, blocks, runs
+    def __init__(self, model: Floats, response: Floats) -> None:
+        self._model, self._response = model, response
         self._inverse = np.linalg.pinv(model.T @ model, rcond=1e-10, hermitian=True).astype(np.float64)
         self.fitted: Floats = model @ (self._inverse @ (model.T @ response))
-        leverage = np.einsum("ij,jk,ik->i", model, self._inverse, model, optimize=True)
         residual: Floats = response - self.fitted
-        rank = round(float(leverage.sum()))
+        rank = round(float(np.einsum("ij,jk,ik->", model, self._inverse, model, optimize=True)))
         left = len(response) - rank
         noise = float(residual @ residual) / left if left > 0 else float(response.var())
         self.explained = max(0.0, float(self.fitted.var()) - (rank - 1) * noise / len(response))
-        self._weighted: Floats = residual / np.sqrt(np.maximum(1.0 - leverage, 0.05))
 
-    def at(self, points: Floats, groups: Sequence[NDArray[np.bool_]]) -> MarginalMeans:
-        """Means at `points` (k, columns); `groups` are the rows with each point's level.
+    def at(self, points: Floats, groups: Sequence[NDArray[np.bool_]]) -> Floats:
+        """Means (k,) at `points` (k, columns), within 0..1; `groups` are the rows with each point's level.
 
         A point that the model cannot estimate, because its level is confounded, has the plain mean of its group.
         """
         combined = points @ self._inverse  # (k, columns)
         told = np.abs(combined @ (self._model.T @ self._model) - points).max(axis=1) < 1e-6
-        weights = combined @ self._model.T  # (k, m): means are sums of these times responses
-        for k, group in enumerate(groups):
-            if not told[k]:
-                weights[k] = group / group.sum()
-        count = int(self._blocks.max()) + 1
-        sums = np.zeros((len(points), count))
-        for k in range(len(points)):
-            residual = self._weighted if told[k] else self._response - self._response[groups[k]].mean()
-            sums[k] = np.bincount(self._blocks, weights=weights[k] * residual, minlength=count)
-        covariance = sums @ sums.T * (count / max(count - 1, 1))
-        units = np.array([len(np.unique(self._blocks[group])) for group in groups], dtype=np.float64)
-        most = np.array([self._runs[group].sum() for group in groups])
-        means = np.clip(weights @ self._response, 0.0, 1.0)
-        means = np.where(means < 1e-9, 0.0, np.where(means > 1 - 1e-9, 1.0, means))  # rounding is no failure
-        return MarginalMeans(means, covariance, units, most)
+        plain = [self._response[group].mean() for group in groups]
+        means = np.clip(np.where(told, combined @ (self._model.T @ self._response), plain), 0.0, 1.0)
+        return np.where(means < 1e-9, 0.0, np.where(means > 1 - 1e-9, 1.0, means))  # rounding is no failure
 
 
 LEAST_VALUES: Final = 3
@@ -282,10 +233,11 @@ LEAST_VALUES: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """The change of the failure rate over a number, other factors held.
+    """The change of the failure rate over a number, other factors held: a least-squares slope.
 
     Attributes:
-        change: From the smallest to the greatest number, within -1..1; its interval has blocks as clusters.
+        change: From the smallest to the greatest number, within -1..1.
+        change_interval: By independent units, see `trend_of`.
         smallest, greatest: Of the number.
         p_value: For zero slope; None where it cannot be tested.
         least: As of `Tested`.
@@ -298,33 +250,39 @@ class Trend:
     p_value: float | None
     least: float = 0.0
 
+    @property
+    def shown(self) -> bool:
+        """Whether the interval rules out that nothing changes."""
+        return self.change_interval[0] > 0.0 or self.change_interval[1] < 0.0
+
 
 def trend_of(contrasts: Contrasts, values: Floats, others: Floats, runs: Floats, error: float) -> Trend | None:
-    """The trend of the response over `values`; None for fewer than `LEAST_VALUES`, or if they follow from `others`.
+    """The trend of the response over `values`; None for fewer than `LEAST_VALUES`, for few units, or if they follow from `others`.
 
-    The rates at both ends are `Margins` beside `others`; the test is that of `Contrasts` for one column.
+    The interval is Student's, of the standard error of the test of `Contrasts`: with values that vary within units, that of the mean of the
+    units' slopes. It is no narrower than repetitions of these very configurations alone make it, since slopes of total effects do not differ.
 
     Args:
         values: (m,), NaN where a configuration lacks the number.
         others: (m, p) columns held, the constant and one that marks missing values among them.
         runs: (m,) behind each response.
     """
+    from scipy.special import ndtri, stdtrit
+
     known = np.isfinite(values)
     if len(np.unique(values[known])) < LEAST_VALUES:
         return None
     smallest, greatest = float(values[known].min()), float(values[known].max())
     column = np.where(known, (values - smallest) / (greatest - smallest), 0.0)[:, None]
-    if float((beyond(column, others)[0] ** 2).sum()) < 1e-9 * len(values) or len(contrasts.sizes) < 2:
+    left = beyond(column, others)[0][:, 0]
+    if float(left @ left) < 1e-9 * len(values) or len(contrasts.sizes) < 2:
         return None
-    usual = others[known].mean(axis=0)
-    margins = Margins(np.hstack((others, column)), contrasts.response, contrasts.blocks, runs)
-    found = margins.at(np.array([[*usual, 0.0], [*usual, 1.0]]), [known, known])
     tested = contrasts.test(column, others)
-    return Trend(
-        float(found.means[1] - found.means[0]),
-        found.difference(1, 0, 1 - error),
-        smallest,
-        greatest,
-        tested.p_value,
-        tested.least,
-    )
+    if tested.slope is None:
+        return None
+    change, deviation, freedom = tested.slope
+    smoothed = (runs * contrasts.response + 0.5) / (runs + 1)
+    repeated = math.sqrt(float((left / (left @ left)) ** 2 @ (smoothed * (1 - smoothed) / runs)))
+    half = max(float(stdtrit(freedom, 1 - error / 2)) * deviation, float(ndtri(1 - error / 2)) * repeated)
+    ends = (max(-1.0, change - half), min(1.0, change + half))
+    return Trend(min(1.0, max(-1.0, change)), ends, smallest, greatest, tested.p_value, tested.least)

@@ -17,6 +17,8 @@ MOST_ORDERS: Final = 100_000
 _SET_SEED: Final = 1959
 _ORDER_SEED: Final = 1935
 _CHUNK: Final = 333
+_MANY: Final = 16  # 2 ** 17 orders are more than `MOST_ORDERS`
+_LARGE: Final = 1000
 _ENOUGH: Final = 100
 
 
@@ -166,7 +168,7 @@ def means_of(rates: Floats, rows: Codes, codes: Codes, levels: int) -> Floats:
 def permuted(table: Floats, values: Floats | None) -> float:
     """p-value for equal levels of rates (k, L), by their orders within situations.
 
-    All orders if there are at most `MOST_ORDERS`, else 9,999 random ones. The statistic is the smaller p-value of the spread of
+    All orders if there are at most `MOST_ORDERS`, else 9,999 random ones, of which the sums are normal in a table above `_LARGE`. The statistic is the smaller p-value of the spread of
     the levels' means and, for numbers, of their linear trend.
     """
     sums = _sums(table)
@@ -185,8 +187,11 @@ def needed(levels: int, tests: int, error: float) -> int:
 def _sums(table: Floats) -> Floats:
     """Sums (orders, L) over situations; the first row is that of `table` itself."""
     k, levels = table.shape
-    if math.factorial(levels) ** k > MOST_ORDERS:
+    if k > _MANY or math.factorial(levels) ** k > MOST_ORDERS:
         rng = np.random.default_rng(_ORDER_SEED)
+        if table.size > _LARGE:
+            spread = np.sqrt(table.var(axis=1).sum() * levels / (levels - 1))
+            return np.vstack((table.sum(axis=0), table.sum() / levels + _centered(rng, levels) * spread))
         size = max(1, 1_000_000 // table.size)
         sizes = [min(size, DRAWS - done) for done in range(0, DRAWS, size)]
         drawn = [rng.permuted(np.broadcast_to(table, (n, k, levels)), axis=2).sum(axis=1) for n in sizes]
@@ -196,6 +201,11 @@ def _sums(table: Floats) -> Floats:
     for row in table:
         sums = (sums[:, None, :] + row[orders]).reshape(-1, levels)
     return sums
+
+
+def _centered(rng: np.random.Generator, levels: int) -> Floats:
+    normal: Floats = rng.standard_normal((DRAWS, levels))
+    return np.asarray(normal - normal.mean(axis=1, keepdims=True))
 
 
 def _shares(statistic: Floats) -> Floats:

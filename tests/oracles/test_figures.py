@@ -17,7 +17,6 @@ from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.results.executed import environment_names
 from vastflow.oracles.results.tables import FAIL, PASS, read_tables
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
-from vastflow.oracles.statistics.intervals import Interval
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
@@ -197,10 +196,10 @@ def test_zones_of_scenarios_are_masks_of_enabled_filters(tmp_path):
 
 
 def test_factor_figure_has_one_artist_for_all_situations_and_few_labels():
-    interval, claim = Interval(0.0, 1.0), Claim(0.5)
-    levels = [LevelEffect(str(k), 1, 2, None, None, 3, 0.5, 0.5, interval) for k in range(600)]
+    claim = Claim(0.5)
+    levels = [LevelEffect(str(k), 1, 2, None, None, 3, 0.5, 0.5) for k in range(600)]
     rates = [[None if (k + of) % 7 == 0 else 0.5 for k in range(600)] for of in range(50)]
-    effect = FactorEffect("x", levels, "0", "1", 0.0, (0.0, 0.0), 0.0, claim, claim, rates=rates)
+    effect = FactorEffect("x", levels, "0", "1", 0.0, 0.0, claim, claim, rates=rates)
     (axes,) = factor_figure([effect]).axes
     (lines,) = [each for each in axes.collections if isinstance(each, LineCollection)]
     assert len(lines.get_segments()) == 50

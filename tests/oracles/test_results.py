@@ -16,8 +16,9 @@ from table import each_row
 from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.results import schema
 from vastflow.oracles.results.executed import NAMED_FILES, KeptFiles
-from vastflow.oracles.results.factors import blocks_of, factors_of
+from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import CODES, ConfigurationTable, VerdictTable
+from vastflow.oracles.results.units import units_of
 from vastflow.sim.model.digest import file_digest
 
 NAMES = ["a", "b", "c"]
@@ -184,10 +185,26 @@ def test_factors_of_keeps_finite_numbers_as_values():
     assert (len(factor.levels), factor.values) == (3, None)
 
 
-def test_blocks_of_join_configurations_with_one_map_and_task():
-    def scenario(where, goal, **system):
-        return {"environment": {"map_file": {"file": where}, **system}, "task": {"goal": goal}, "system": system}
+def scenario_at(where, goal_m, rounds=1, **system):
+    task = {"goal_pose": {"position": {"x": goal_m}}, "rounds": rounds}
+    return {"environment": {"map_file": {"file": where}, **system}, "task": task, "system": system}
 
-    blocks = blocks_of([scenario("a", 1), scenario("a", 1, noise=2), scenario("a", 2), scenario("b", 1)])
-    assert blocks.tolist() == [0, 0, 1, 2]
-    assert len(set(blocks_of([{"environment": {}, "task": {}, "system": {"a": 1}}] * 3).tolist())) == 3
+
+@each_row(
+    ("places", "codes", "noun", "others"),
+    [
+        ([("a", 1), ("a", 1, 2), ("a", 2), ("a", 3)], [0, 0, 1, 2], "path", "paths on this map"),
+        ([("a", 1), ("b", 1), ("a", 2), ("b", 2)], [0, 0, 1, 1], "path", "paths on these 2 maps"),
+        ([("a", 1), ("a", 2), ("b", 3), ("b", 4)], [0, 1, 2, 3], "path", "paths on these 2 maps"),
+        ([("a", 1), ("b", 1), ("c", 1)], [0, 1, 2], "map", "maps with this path"),
+        ([("a", 1), ("b", 1), ("c", 2)], [0, 1, 2], "map", "maps with these paths"),
+    ],
+)
+def test_units_are_what_does_not_repeat(places, codes, noun, others):
+    found = units_of([scenario_at(*place, noise=k) for k, place in enumerate(places)])
+    assert (found.codes.tolist(), found.noun, found.others) == (codes, noun, others)
+
+
+def test_programs_without_map_and_task_share_nothing():
+    found = units_of([{"environment": {}, "task": {}, "system": {"a": 1}}] * 3)
+    assert (len(set(found.codes.tolist())), found.noun, found.others) == (3, "situation", "situations")

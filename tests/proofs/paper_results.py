@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from vastflow.oracles.evidence.findings import weights_of
 from vastflow.oracles.judgement.verdict import Judgement, run_judgement
-from vastflow.oracles.results.factors import blocks_of
+from vastflow.oracles.results.units import units_of
 from vastflow.oracles.statistics.intervals import Counts, counts_of, pooled
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import read_json
@@ -226,7 +226,7 @@ def paper_results(directory: Path) -> PaperResults:
         of_each[name].append(judgement)
     by_configuration = {name: counts_of(each) for name, each in of_each.items()}
     weights = weights_of((row["name"], row["duplicate_of"]) for row in configurations)
-    blocks = blocks_of([json.loads(row["scenario"]) for row in configurations]).tolist()
+    blocks = units_of([json.loads(row["scenario"]) for row in configurations]).codes.tolist()
     distinct = [row for row in configurations if row["duplicate_of"] is None]
     begun = [{**row, "start": json.loads(row["factors"])["start_pose"]} for row in distinct]
     return PaperResults(
