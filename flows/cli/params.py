@@ -81,7 +81,7 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
     lines = []
     for row in rows:
         said = f"{row.status}: {row.why}" if row.why else row.status
-        if row.status == "differs":
+        if row.status == "differs" and not row.why:
             said = f"differs: {shown(row.used)} is built in"
         elif row.status == "modeled" and row.used != row.value:
             said = f"modeled: {shown(row.used)}"

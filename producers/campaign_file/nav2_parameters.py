@@ -77,7 +77,7 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
             yield note(path, what, f"runs at {held:g} Hz")
     groups: dict[ParameterLocation, list[Finding]] = {}
     for finding in findings(found):
-        if finding.status in ("not modeled", "differs"):
+        if finding.status in ("not modeled", "differs") and finding.path not in found.reader.held:
             groups.setdefault(finding.about, []).append(finding)
     for about, (first, *others) in groups.items():
         if first.status == "differs":

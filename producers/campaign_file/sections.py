@@ -254,6 +254,19 @@ class LatencySpec(Section):
     """Whether the velocity smoother runs right when a controller's cycle begins, or at a phase drawn for each run."""
 
 
+class OdometrySpec(Section):
+    """Drift of odometry's pose: standard deviations, which grow with the square root of what is driven and turned."""
+
+    translation_std_per_meter: Quantity = None
+    """Of the distance after 1 m (m); after 16 m it is four times as much."""
+    translation_std_per_radian: Quantity = None
+    """Of the distance after a turn of 1 rad (m)."""
+    rotation_std_per_meter: Quantity = None
+    """Of the yaw after 1 m (rad)."""
+    rotation_std_per_radian: Quantity = None
+    """Of the yaw after a turn of 1 rad (rad)."""
+
+
 class RobotSpec(Section):
     """The robot that drives; defaults follow from the Nav2 parameters or a TurtleBot 4, as the report states."""
 
@@ -279,6 +292,8 @@ class RobotSpec(Section):
     """The laser scanner."""
     latency: Annotated[LatencySpec, EmptyIsMap] = Field(default_factory=LatencySpec)
     """Latencies of sensors and computers."""
+    odometry: Annotated[OdometrySpec, EmptyIsMap] = Field(default_factory=OdometrySpec)
+    """Drift of odometry's pose."""
 
 
 def robot_places(

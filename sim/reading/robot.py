@@ -9,7 +9,7 @@ from vastflow.sim.model.polygon import Vertices, vertices_of
 from vastflow.sim.model.rates import held_hz
 from vastflow.sim.nav2.parameter_files.interpretation import NO_SMOOTHER, is_omni
 from vastflow.sim.nav2.parameters.mppi import MotionModel, MppiParameters
-from vastflow.sim.nav2.parameters.robot import IDEAL, Latency, LidarParameters
+from vastflow.sim.nav2.parameters.robot import IDEAL, Latency, LidarParameters, OdometryDrift
 from vastflow.sim.nav2.parameters.servers import SmacPlannerHybrid, VelocitySmoother
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.noise_registry import GaussianDropoutParameters
@@ -97,6 +97,7 @@ def robot_facts(parameters: NavParameters) -> tuple[RobotFact, ...]:
         *_lidar_facts(parameters),
         *of_noise,
         *_latency_facts(parameters.latency),
+        *_drift_facts(parameters.odometry),
     )
 
 
@@ -228,6 +229,13 @@ def _latency_facts(latency: Latency) -> Iterator[RobotFact]:
         yield _given("share of missed controller cycles", f"{latency.missed_cycles:g}")
     if not latency.smoother_in_step:
         yield _given("velocity smoother", "out of step with the controller")
+
+
+def _drift_facts(odometry: OdometryDrift) -> Iterator[RobotFact]:
+    for name, value in odometry:
+        if value:
+            unit = "m" if name.startswith("translation") else "rad"
+            yield _given(f"odometry's {name.replace('_', ' ')}", f"{value:g} {unit}")
 
 
 def _given(quantity: str, value: str) -> RobotFact:

@@ -12,7 +12,7 @@ from vastflow.sim.model.faults import Fault, Place
 NAV2 = """\
 controller_server:
   ros__parameters:
-    costmap_update_timeout: 0.5
+    publish_zero_velocity: false
     controller_plugins: [FollowPath]
     FollowPath:
       plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
@@ -39,7 +39,7 @@ def test_params_lists_parameters_and_counts(nav2):
         0,
         [
             "line parameter value simulator",
-            "3 controller_server.costmap_update_timeout 0.5 differs: 0.3 is built in",
+            "3 controller_server.publish_zero_velocity false differs: true is built in",
             "4 controller_server.controller_plugins ['FollowPath'] modeled",
             "6 controller_server.FollowPath.plugin 'nav2_regulated_pure_pursuit_controller… modeled",
             "7 controller_server.FollowPath.desired_linear_vel 1 modeled",
@@ -54,6 +54,23 @@ def test_params_lists_parameters_and_counts(nav2):
     assert lines[14].endswith("more are modeled, with Nav2's defaults")
     assert lines[15].startswith("not in the file, with Nav2 Jazzy's defaults: amcl, local_costmap, ")
     assert lines[16] == "not in the file and not simulated: collision_monitor"
+
+
+def test_params_says_at_which_rate_a_loop_truly_runs(nav2):
+    frequency = "local_costmap: {local_costmap: {ros__parameters: {update_frequency: 3.0, publish_frequency: 2.0}}}\n"
+    loop = "bt_navigator: {ros__parameters: {bt_loop_duration: 10}}\n"
+    nav2.write_text(NAV2.replace("publish_zero_velocity: false", "controller_frequency: 30.0") + frequency + loop)
+    lines = [" ".join(line.split()) for line in called("params", nav2).stdout.splitlines()]
+    for line in (
+        "3 controller_server.controller_frequency 30.0 differs: runs at 20 Hz, in whole ticks of 50 ms",
+        "13 local_costmap.local_costmap.update_frequency 3.0 differs: runs at 2.857 Hz, in whole ticks of 50 ms",
+        "13 local_costmap.local_costmap.publish_frequency 2.0 modeled",
+        "14 bt_navigator.bt_loop_duration 10 no effect: trees are ticked every 50 ms",
+        "2 differs: another value is built in",
+    ):
+        assert line in lines
+    found = json.loads(called("params", nav2, "--json").stdout)["parameters"][0]
+    assert (found["status"], found["used"]) == ("differs", 20.0)
 
 
 def test_params_prints_body_and_limits_and_assumptions(nav2):

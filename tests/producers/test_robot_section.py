@@ -5,7 +5,7 @@ import math
 import pytest
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.campaign_file.sections import LatencySpec, LidarSpec, RobotSpec
+from vastflow.producers.campaign_file.sections import LatencySpec, LidarSpec, OdometrySpec, RobotSpec
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
@@ -16,7 +16,7 @@ from vastflow.sim.reading.robot import lidar_of, robot_of
 @pytest.fixture
 def family(tmp_path, drawn_map):
     """The family of a campaign with this section `robot`."""
-    place = f"{{map_file: {drawn_map('.' * 60, *['.' * 60] * 40).path}}}, {{start_pose: {{x: 1, y: 1}}}}, {{goal_pose: {{x: 2, y: 1}}}}"
+    place = f"{{map_file: {drawn_map('.' * 60, *['.' * 60] * 40).path}}}, {{start_pose: {{x: 1, y: -1}}}}, {{goal_pose: {{x: 1.5, y: -1}}}}"
 
     def made(robot, variations="[]", parameters=""):
         file = tmp_path / "robot.vast"
@@ -49,11 +49,17 @@ def test_given_quantities_replace_the_turtlebot_4s(family):
 
 
 def test_section_has_every_quantity_that_a_robot_has(family):
-    keys = {f"robot.{name}" for name in RobotSpec.model_fields if name not in ("lidar", "latency")}
+    keys = {f"robot.{name}" for name in RobotSpec.model_fields if name not in ("lidar", "latency", "odometry")}
     keys |= {f"robot.lidar.{name}" for name in LidarSpec.model_fields if name != "noise"} | {NOISE_MODEL_KEY}
-    assert keys | {f"robot.latency.{name}" for name in LatencySpec.model_fields} == set(robot_keys())
+    keys |= {f"robot.latency.{name}" for name in LatencySpec.model_fields}
+    assert keys | {f"robot.odometry.{name}" for name in OdometrySpec.model_fields} == set(robot_keys())
     robot = robot_of(parameters_of(of_robot(family("{drive: ackermann, min_turning_radius: 0.8}"))))
     assert (robot.drive, robot.min_turning_radius_m) == ("ackermann", 0.8)
+
+
+def test_robot_odometry_reaches_the_stack_and_its_numbers_are_checked(family):
+    drift = parameters_of(dict(family("{odometry: {translation_std_per_meter: 0.05}}").values)).odometry
+    assert (drift.translation_std_per_meter, drift.rotation_std_per_meter) == (0.05, 0.0)
 
 
 def test_robot_latency_combines_preset_and_overrides(family):

@@ -128,3 +128,45 @@ def test_goals_are_checked_for_position_once_and_then_for_heading(scenario):
     recording = run(scenario(goal_pose={"x": 7.0, "y": 4.0, "yaw": math.pi / 2}, controller="rpp"), 0)
     assert recording.run.outcome == "succeeded"
     assert abs(si(recording.columns["estimated_yaw_mrad"])[-1] - math.pi / 2) <= 0.251
+
+
+SERVER = "{}_server.ros__parameters.costmap_update_timeout"
+COSTMAP = "{0}_costmap.{0}_costmap.ros__parameters.update_frequency"
+
+
+@pytest.mark.parametrize(
+    ("update_hz", "timeout_s", "times_out"), [(1.0, 0.3, True), (1.0, 1.0, False), (4.0, 0.3, False), (4.0, 0.1, True)]
+)
+def test_controller_times_out_where_a_cleared_local_costmap_is_not_updated_in_time(
+    scenario, update_hz, timeout_s, times_out
+):
+    """The update comes after anything up to a period of the costmap; Nav2's trees try no recovery for this timeout."""
+    given = {COSTMAP.format("local"): update_hz, SERVER.format("controller"): timeout_s}
+    found = []
+    for k in range(8):
+        caged = run(scenario(obstacles=CAGE, controller="rpp", **given), k)
+        if caged.run.error_code == 107:
+            assert events(caged, "control_failed", "recovery")[-2:] == [
+                ("recovery", "clear local costmap"),
+                ("control_failed", "107"),
+            ]
+            waited_s = times(caged, "control_failed")[-1] - times(caged, "recovery")[-1]
+            assert waited_s == pytest.approx(timeout_s, abs=0.001)
+            assert caged.run.outcome == "aborted"
+        found.append(caged.run.error_code)
+    assert (107 in found) == times_out
+
+
+@pytest.mark.parametrize(("timeout_s", "times_out"), [(1.0, True), (5.0, False)])
+def test_planner_times_out_and_recovers_where_a_cleared_global_costmap_is_not_updated_in_time(
+    scenario, walled_off, timeout_s, times_out
+):
+    given = {COSTMAP.format("global"): 0.2, SERVER.format("planner"): timeout_s}
+    late = [run(scenario(map_file=walled_off, **given), k) for k in range(3)]
+    codes = {what for recording in late for _, what in events(recording, "plan_failed")}
+    assert codes == ({"207", "208"} if times_out else {"208"})
+    for recording in late:
+        first, second = times(recording, "plan_failed")[:2]
+        assert second - first < timeout_s + 0.001
+        assert events(recording, "recovery")[1] == ("recovery", "clear both costmaps")
+        assert recording.run.recoveries > 7

@@ -167,9 +167,9 @@ def test_unread_depends_on_the_parameters_of_the_file(content, tmp_path):
     assert unread({"nav2_params": content, "sigma_hit": 0.1, "robot_radius": 0.2}) == ("sigma_hit",)
     keys = [f"controller_server.ros__parameters.Fast.{name}" for name in ("sim_time", "sim_tim")]
     assert unread({"nav2_params": content}, keys) == (keys[1],)
-    (tmp_path / "other.yaml").write_text("controller_server: {ros__parameters: {costmap_update_timeout: 0.3}}")
-    system = {"nav2_params": nav2_file(tmp_path / "other.yaml"), "costmap_update_timeout": 0.5}
-    assert unread(system) == ("costmap_update_timeout",)
+    (tmp_path / "other.yaml").write_text("controller_server: {ros__parameters: {publish_zero_velocity: true}}")
+    system = {"nav2_params": nav2_file(tmp_path / "other.yaml"), "publish_zero_velocity": False}
+    assert unread(system) == ("publish_zero_velocity",)
 
 
 def test_further_key_is_checked_beside_faults_of_the_system():

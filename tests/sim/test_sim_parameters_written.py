@@ -64,7 +64,8 @@ def test_written_document_round_trips(data, controller):
     if parts["global_costmap"].speed_filter.enabled:  # a second one is refused
         parts["local_costmap"] = parts["local_costmap"].with_values(speed_filter=default.local_costmap.speed_filter)
     kept = {
-        name: getattr(default, name) for name in ("perturbation", "lidar_noise", "latency", "robot", "rotation_shim")
+        name: getattr(default, name)
+        for name in ("perturbation", "lidar_noise", "latency", "odometry", "robot", "rotation_shim")
     }
     often = parts["controller_server"].with_values(controller_frequency=1000.0)
     wanted = default.with_values(**parts | kept | {"controller_server": often})

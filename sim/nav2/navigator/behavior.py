@@ -23,7 +23,7 @@ from vastflow.sim.nav2.navigator.profile import BEHAVIOR, CONTROLLER, PLANNER, l
 from vastflow.sim.nav2.navigator.state import Grids, Local, Route
 from vastflow.sim.nav2.planners.binding import compute_path
 from vastflow.sim.nav2.planners.navfn import cell, on_map
-from vastflow.sim.nav2.planners.planner import GOAL_OUTSIDE, START_OUTSIDE, PlannerInput
+from vastflow.sim.nav2.planners.planner import GOAL_OUTSIDE, START_OUTSIDE, TIMEOUT, PlannerInput
 from vastflow.sim.world.motion import wrapped
 
 PASSED_M: Final = 0.7
@@ -42,8 +42,8 @@ SPIN_RAD: Final = 1.57
 BACK_UP_M: Final = 0.30
 BACK_UP_MPS: Final = 0.15
 
-INVALID_PATH, PATIENCE_EXCEEDED, FAILED_TO_MAKE_PROGRESS = 103, 104, 105
-"""Nav2's error codes of FollowPath; 103 is not among those that a recovery is tried for."""
+INVALID_PATH, PATIENCE_EXCEEDED, FAILED_TO_MAKE_PROGRESS, CONTROLLER_TIMED_OUT = 103, 104, 105, 107
+"""Nav2's error codes of FollowPath; 103 and 107 are not among those that a recovery is tried for."""
 
 THROUGH_POSES: Final = 100
 """Offset of ComputePathThroughPoses' error codes from ComputePathToPose's."""
@@ -80,7 +80,7 @@ def note(m: Any, kind: int, what: int, value: float) -> None:
 def _resume(m: Any) -> None:
     """The pipeline from its beginning: plan at once, checkers and contextual retries afresh."""
     m.state = state.FOLLOWING
-    m.replan_in, m.path_n = 0, 0
+    m.replan_in, m.path_n, m.plan_tick = 0, 0, m.tick
     m.plan_retries, m.follow_retries = 0, 0
     _reset_checkers(m)
     order(m, 0.0, 0.0)
@@ -89,7 +89,7 @@ def _resume(m: Any) -> None:
 @inner
 def _reset_checkers(m: Any) -> None:
     _reset_progress(m)
-    m.valid_tick = m.tick
+    m.valid_tick, m.follow_tick = m.tick, m.tick
     m.latched = 0
 
 
@@ -101,15 +101,21 @@ def _reset_progress(m: Any) -> None:
 @inner
 def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bound) -> None:
     """One cycle of the pipeline: replan when it is time, then the controller server's loop."""
+    if m.path_n == 0:
+        m.follow_tick = m.tick
     if m.replan_in > 0:
         m.replan_in -= 1
-    elif m.global_current == 1 and not _replan(p, m, g, route, controller):
+    elif (m.global_current == 1 or _waited(m, m.plan_tick, p.planner_server.costmap_update_timeout)) and not _replan(
+        p, m, g, route, controller
+    ):
         reset(controller)
         _recover(p, m, route.goals)
         return
     # The controller server waits for a plan, and after a clearing for the local costmap's next update.
     if m.path_n == 0 or m.local_current == 0:
         m.base_tick, m.valid_tick = m.tick, m.tick
+        if m.path_n > 0 and _waited(m, m.follow_tick, p.controller_server.costmap_update_timeout):
+            _control_failed(p, m, route.goals, controller, CONTROLLER_TIMED_OUT)
         return
     if not cycle_begins(p, m):
         return
@@ -146,11 +152,17 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
 
 
 @inner
+def _waited(m: Any, since_tick: int, timeout_s: float) -> bool:
+    """Whether a server has waited for a costmap's update until its timeout; one that comes in this tick was in time."""
+    return bool((m.tick - since_tick) * TICK_S > timeout_s - 1e-9)
+
+
+@inner
 def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
     """ComputePath with its one contextual clearing; false when the pipeline has failed by it."""
     through_poses = p.mission == state.NAVIGATE_THROUGH_POSES
     lap(m, BEHAVIOR)
-    code = plan(p, m, g, route)
+    code = plan(p, m, g, route) if m.global_current == 1 else TIMEOUT
     lap(m, PLANNER)
     if code == 0:
         set_plan(controller)
@@ -164,7 +176,7 @@ def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
     if m.plan_retries == 1 or not _recoverable(m.planner_code):
         return False
     # The robot follows the path it has until the cleared costmap is current again and the planner answers.
-    m.plan_retries = 1
+    m.plan_retries, m.plan_tick = 1, m.tick
     _clear(m, state.CLEAR_GLOBAL)
     return True
 

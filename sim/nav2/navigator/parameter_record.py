@@ -12,7 +12,7 @@ from vastflow.sim.nav2.controllers.controller import PlanCut
 from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
 from vastflow.sim.nav2.navigator.collision_monitor import ZONE, zone_rows, zones_reach_m
 from vastflow.sim.nav2.navigator.prepared import PreparedMap
-from vastflow.sim.nav2.parameters.robot import IDEAL
+from vastflow.sim.nav2.parameters.robot import IDEAL, OdometryDrift
 from vastflow.sim.nav2.parameters.servers import MOST_ZONES
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.robot_model import Lidar, Robot
@@ -51,6 +51,7 @@ def parameter_record(
         "angle_increment": lidar.angle_increment_rad,
         "sweeps": lidar.sweeps,
         "late": lidar.sweeps or parameters.latency != IDEAL,
+        "drifts": parameters.odometry != OdometryDrift(),
         "max_speed": robot.max_speed_mps,
         "max_acceleration": robot.max_acceleration_mps2,
         "max_yaw_rate": robot.max_yaw_rate_radps,

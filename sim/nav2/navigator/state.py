@@ -124,6 +124,7 @@ _WHOLE: Final = (
     *("path_n", "path_i", "path_end"),
     *("changed_row0", "changed_row1", "changed_column0", "changed_column1"),
     *("state", "until", "goal", "loop", "replan_in", "latched", "base_tick", "valid_tick", "command_tick"),
+    *("plan_tick", "follow_tick"),
     *("heading_due", "shim_turns", "shim_at_goal", "shim_planned"),
     *("attempts", "round_robin", "tried", "follow_retries", "plan_retries"),
     *("planner_code", "controller_code", "error_code", "recoveries", "missed", "profiling"),

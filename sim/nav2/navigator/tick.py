@@ -338,7 +338,8 @@ def _actuate(p: Any, m: Any) -> None:
             if p.is_omni != 0.0:
                 a, _ = normal_pair(m.streams[ODOMETRY])
                 vy = vy * (1.0 + noise * a)
-        m.counted_x, m.counted_y, m.counted_yaw = moved(m.counted_x, m.counted_y, m.counted_yaw, v, w, vy, dt_s)
+        dv, dw, dvy = (v, w, vy) if p.drifts == 0.0 else _drifted(p, m, v, w, vy, dt_s)
+        m.counted_x, m.counted_y, m.counted_yaw = moved(m.counted_x, m.counted_y, m.counted_yaw, dv, dw, dvy, dt_s)
         m.velocities[k, 0], m.velocities[k, 1], m.velocities[k, 2] = m.wheel_v, m.wheel_w, m.wheel_vy
         if k >= SUBSTEPS - TWIST_STEPS:
             m.odom_v += v / TWIST_STEPS
@@ -352,6 +353,20 @@ def _actuate(p: Any, m: Any) -> None:
         m.odom_x, m.odom_y, m.odom_yaw = m.counted_x, m.counted_y, m.counted_yaw
     twist = m.twists[(m.tick + 1) % state.MOST_TWISTS]
     twist[0], twist[1], twist[2] = m.odom_v, m.odom_w, m.odom_vy
+
+
+@inner
+def _drifted(p: Any, m: Any, v: float, w: float, vy: float, dt_s: float) -> Any:
+    """(v, ω, vy) by which odometry's pose goes on in a step, see `OdometryDrift`; its twist stays that of the wheels."""
+    q = p.odometry
+    way_m, turn_rad = math.sqrt(v * v + vy * vy) * dt_s, abs(w) * dt_s
+    along = math.sqrt(q.translation_std_per_meter**2 * way_m + q.translation_std_per_radian**2 * turn_rad) / dt_s
+    turning = math.sqrt(q.rotation_std_per_meter**2 * way_m + q.rotation_std_per_radian**2 * turn_rad) / dt_s
+    a, b = normal_pair(m.streams[ODOMETRY])
+    if p.is_omni != 0.0:
+        c, _ = normal_pair(m.streams[ODOMETRY])
+        vy += along * c
+    return v + along * a, w + turning * b, vy
 
 
 @inner

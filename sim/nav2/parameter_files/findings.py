@@ -31,7 +31,7 @@ class Finding:
         status: `modeled`: it is used. `built in`: it says what is done anyway. `no effect`: it makes no difference to
             missions. `differs`: something else is done. `not modeled`: nothing is done.
         used: The value the simulator has, a range in words; None without one.
-        why: Why it is not used; may be empty.
+        why: Why it is not used, or what is done instead; may be empty.
         about: The parameter, or a group with nothing in it that is modeled, which can be spoken of once.
     """
 
@@ -83,6 +83,8 @@ def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocatio
     def found(status: Status, why: str = "", used: Value = None, about: ParameterLocation = path) -> Finding:
         return Finding(path, place, value, status, used, why, about)
 
+    if path in reader.held:
+        return found("differs", f"runs at {reader.held[path]:g} Hz, in whole ticks of 50 ms", reader.held[path])
     if path in reader.asked and path not in reader.unmodeled:
         used = reader.asked[path]
         return found("modeled", used=list(used) if isinstance(used, tuple) else used)
@@ -101,7 +103,7 @@ def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocatio
     if rule is not None:
         if not rule.agrees(value):
             return found("differs", used=rule.value)
-        return found("no effect") if rule == ANY else found("built in", used=value)
+        return found("no effect", rule.why) if rule == ANY or rule.why else found("built in", used=value)
     plugin = (*(group or node), name[0])
     if len(name) > 1 and _is_unlisted(document, plugin):
         return found("no effect", "no list of plug-ins has it", about=plugin)
@@ -132,6 +134,7 @@ class BuiltIn:
         low, high: Range of numbers that mean the same, in place of `values`.
         includes: Names that a list must have, in place of `values`.
         prefixed: Whether text before one of the `values` makes no difference, as the robot's name before a frame.
+        why: What is done in place of any of these values, none of which has an effect; may be empty.
     """
 
     values: tuple[Value, ...] = ()
@@ -139,6 +142,7 @@ class BuiltIn:
     high: float = math.inf
     includes: tuple[str, ...] = ()
     prefixed: bool = False
+    why: str = ""
 
     def agrees(self, value: Value) -> bool:
         """Whether `value` requests the behavior that the simulator has anyway."""
@@ -265,7 +269,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         **_any("wait_for_service_timeout", "service_introspection_mode", "plugin_lib_names", "error_code_names"),
         **_any("error_code_name_prefixes", "always_reload_bt_xml", "enable_groot_monitoring"),
         **_any("groot_zmq_publisher_port", "groot_zmq_server_port", "goal_blackboard_id", "path_blackboard_id"),
-        "bt_loop_duration": BuiltIn(high=50.0),  # ms: trees are ticked once in a tick of the stack
+        "bt_loop_duration": BuiltIn(high=50.0, why="trees are ticked every 50 ms"),
         "navigators": BuiltIn(includes=("navigate_to_pose", "navigate_through_poses")),
         "navigate_to_pose.plugin": only("nav2_bt_navigator::NavigateToPoseNavigator"),
         "navigate_through_poses.plugin": only("nav2_bt_navigator::NavigateThroughPosesNavigator"),
@@ -274,7 +278,6 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     },
     "controller_server": {
         **_any("odom_topic", "odom_duration", "speed_limit_topic"),
-        "costmap_update_timeout": only(0.30),
         "publish_zero_velocity": only(True),
     },
     "FeasiblePathHandler": {**_any("minimum_rotation_angle"), "reject_unit_path": only(False)},
@@ -318,10 +321,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     # A mask is among the campaign's parameters, and a keepout filter takes its values as they are.
     "filter info": _any("filter_info_topic", "mask_topic", "type", "base", "multiplier"),
     "InflationLayer": {"inflate_unknown": only(False), "inflate_around_unknown": only(False)},
-    "planner_server": {
-        **_any("expected_planner_frequency", "service_introspection_mode"),
-        "costmap_update_timeout": only(1.0),
-    },
+    "planner_server": _any("expected_planner_frequency", "service_introspection_mode"),
     "NavfnPlanner": {"use_final_approach_orientation": only(False)},
     "SmacPlanner2D": {
         **_SMAC,

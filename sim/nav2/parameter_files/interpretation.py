@@ -25,10 +25,12 @@ from vastflow.sim.nav2.parameters.robot import (
     IDEAL,
     LATENCY_KEY,
     NOISE_PLACE,
+    ODOMETRY_KEY,
     PRESET_KEY,
     PRESETS,
     ROBOT_KEY,
     Latency,
+    OdometryDrift,
     RobotParameters,
 )
 from vastflow.sim.nav2.parameters.servers import (
@@ -36,6 +38,7 @@ from vastflow.sim.nav2.parameters.servers import (
     CollisionMonitor,
     MonitorZone,
     Perturbation,
+    PlannerServer,
     SmacPlannerHybrid,
     VelocitySmoother,
     WaypointFollower,
@@ -116,6 +119,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
         "perturbation": reader.group(Perturbation, ()),
         "robot": reader.group(RobotParameters, (ROBOT_KEY,)),
         "latency": _latency(reader),
+        "odometry": reader.group(OdometryDrift, (ROBOT_KEY, ODOMETRY_KEY)),
         "lidar_noise": _lidar_noise(reader),
     }
     absent = []
@@ -260,19 +264,20 @@ def _latency(reader: Reader) -> Latency:
 
 
 def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
+    parts: Parts = {"planner_server": reader.group(PlannerServer, node)}
     used = reader.used(node, PLANNERS)
     if used is None:
-        return {}
+        return parts
     path = (*used.place, "plugin")
     kind = reader.plug_in(PLANNER_PLUG_INS, PLANNERS.foreign, path, used.default_class, used.listed)
     if kind is None:
-        return {}
+        return parts
     text = str(reader.asked[path])
     modeled = PLANNERS.modeled.get(class_name(text))
     if modeled is None:
-        return {"planner": reader.own_group(kind, used.place, {path})}
+        return {**parts, "planner": reader.own_group(kind, used.place, {path})}
     reader.kinds[used.place] = short_class(text)
-    return {"planner": reader.instance_group(Instance(used.place, short_class(text), modeled))}
+    return {**parts, "planner": reader.instance_group(Instance(used.place, short_class(text), modeled))}
 
 
 def _waypoint_follower(reader: Reader, node: ParameterLocation) -> Parts:
@@ -408,7 +413,7 @@ def document_of(parameters: NavParameters) -> ParameterDocument:
     values = written_controller_server(nodes["controller_server"], parameters)
     for name in ("local_costmap", "global_costmap"):
         values |= written_costmap(name, getattr(parameters, name))
-    for name in ("amcl", "behavior_server", "velocity_smoother"):
+    for name in ("amcl", "planner_server", "behavior_server", "velocity_smoother"):
         values |= written(getattr(parameters, name), nodes[name])
     server, planner = nodes["planner_server"], (*nodes["planner_server"], PLANNERS.used)
     values |= {(*server, PLANNERS.lists[0]): [planner[-1]], **written(parameters.planner, planner)}

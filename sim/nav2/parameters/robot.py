@@ -17,6 +17,9 @@ from vastflow.sim.world.robot_model import MOST_BEAMS, Drive
 LATENCY_KEY: Final = "latency"
 """Name of the section below `robot`."""
 
+ODOMETRY_KEY: Final = "odometry"
+"""Name of the section of odometry's drift below `robot`."""
+
 NOISE_PLACE: Final[ParameterLocation] = ("robot", "lidar", "noise")
 """Location of the parameters of the lidar's noise; `model` among them is its name."""
 
@@ -58,6 +61,23 @@ class Latency(ParameterGroup):
 
 
 IDEAL: Final = Latency()
+
+
+class OdometryDrift(ParameterGroup):
+    """Drift of odometry's pose, after the noise of Nav2's motion models: its variance grows with what is driven and turned.
+
+    After L meters and A radians, the distance has the standard deviation sqrt(a² L + b² A), and the yaw likewise. The twist is the wheels'.
+
+    Attributes:
+        translation_std_per_meter, translation_std_per_radian: Of the distance after 1 m, and after a turn of 1 rad (m).
+        rotation_std_per_meter, rotation_std_per_radian: Of the yaw after 1 m, and after a turn of 1 rad (rad).
+    """
+
+    translation_std_per_meter: float = parameter(0.0, 0.0, 10.0)
+    translation_std_per_radian: float = parameter(0.0, 0.0, 10.0)
+    rotation_std_per_meter: float = parameter(0.0, 0.0, 10.0)
+    rotation_std_per_radian: float = parameter(0.0, 0.0, 10.0)
+
 
 PRESETS: Final[Mapping[str, Latency]] = {
     "ideal": IDEAL,
@@ -171,5 +191,6 @@ def robot_keys() -> Mapping[str, ParameterLocation]:
     own = [(ROBOT_KEY, name) for name in RobotParameters.model_fields if name != "lidar"]
     lidar = ((ROBOT_KEY, "lidar", name) for name in LidarParameters.model_fields)
     latency = ((ROBOT_KEY, LATENCY_KEY, name) for name in (PRESET_KEY, *Latency.model_fields))
-    every = [*own, *lidar, (*NOISE_PLACE, "model"), *latency]
+    odometry = ((ROBOT_KEY, ODOMETRY_KEY, name) for name in OdometryDrift.model_fields)
+    every = [*own, *lidar, (*NOISE_PLACE, "model"), *latency, *odometry]
     return {".".join(path): path for path in every}

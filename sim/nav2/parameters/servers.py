@@ -25,10 +25,17 @@ class NavFn(ParameterGroup):
     use_astar: bool = parameter(False)
 
 
+class PlannerServer(ParameterGroup):
+    """planner_server: seconds that it waits for the update of a cleared costmap."""
+
+    costmap_update_timeout: float = parameter(1.0, 0.0, 1e6)
+
+
 class ControllerServer(ParameterGroup):
     """controller_server: Hz, seconds, and velocities below which odometry is read as standing."""
 
     controller_frequency: float = parameter(20.0, 0.5, 1000.0)
+    costmap_update_timeout: float = parameter(0.3, 0.0, 1e6)
     failure_tolerance: float = parameter(0.3, 0.0, 1e6, code=0.0)
     min_x_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
     min_y_velocity_threshold: float = parameter(0.5, 0.0, 10.0, code=0.0001)

@@ -6,7 +6,7 @@ from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.nav2.parameters.amcl import AmclParameters
 from vastflow.sim.nav2.parameters.costmap import Costmap, global_costmap, local_costmap
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
-from vastflow.sim.nav2.parameters.robot import Latency, RobotParameters
+from vastflow.sim.nav2.parameters.robot import Latency, OdometryDrift, RobotParameters
 from vastflow.sim.nav2.parameters.servers import (
     BehaviorServer,
     CollisionMonitor,
@@ -14,6 +14,7 @@ from vastflow.sim.nav2.parameters.servers import (
     GoalChecker,
     NavFn,
     Perturbation,
+    PlannerServer,
     ProgressChecker,
     RotationShim,
     VelocitySmoother,
@@ -28,16 +29,18 @@ class NavParameters(ParameterGroup):
     Attributes:
         controller: Parameters of the controller; a plug-in is its own, see
             `vastflow.sim.nav2.parameter_files.plug_ins`. So are `planner` and `lidar_noise`.
-        robot: Of the robot that the stack drives, which it is not told of; `latency` of its sensors and computers.
+        robot: Of the robot that the stack drives, which it is not told of; `latency` and `odometry` of its sensors and computers.
     """
 
     robot: RobotParameters = RobotParameters()
     perturbation: Perturbation = Perturbation()
     lidar_noise: SerializeAsAny[ParameterGroup] = GaussianDropoutParameters()
     latency: Latency = Latency()
+    odometry: OdometryDrift = OdometryDrift()
     amcl: AmclParameters = AmclParameters()
     local_costmap: Costmap = local_costmap()
     global_costmap: Costmap = global_costmap()
+    planner_server: PlannerServer = PlannerServer()
     planner: SerializeAsAny[ParameterGroup] = NavFn()
     controller_server: ControllerServer = ControllerServer()
     progress_checker: ProgressChecker = ProgressChecker()
