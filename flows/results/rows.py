@@ -290,7 +290,7 @@ class KeptRows:
         if (artifact := self._store.find(key)) is None:
             return None
         try:
-            files = {name: self._store.load(artifact, name) for name in artifact.files}
+            files = {name: self._store.load(artifact, name) for name in {_RUNS, _VERDICTS, *artifact.files}}
         except Lost:
             return None
         hashed, _, logs = (self._store.beside(key, _LOGS) or b"").partition(b"\n")

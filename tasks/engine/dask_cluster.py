@@ -23,14 +23,14 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.request import urlopen
 
-import distributed
-from distributed.scheduler import KilledWorker
+from distributed.security import Security
 
 from vastflow.tasks.engine import dask_worker
 from vastflow.tasks.engine.bundle import Bundle, Packer
-from vastflow.tasks.engine.dask_worker import Message, OtherCode, identity, run_unit, shared_value
+from vastflow.tasks.engine.dask_client import call_workers, pickled_error, plain_client
+from vastflow.tasks.engine.dask_worker import Answer, Message, OtherCode, identity, read_answer, run_unit, shared_value
 from vastflow.tasks.engine.executor import ClusterError, Executor, PoolClosed, Priority, Shared, WorkerDied, end
-from vastflow.tasks.store.store import Store, store_address
+from vastflow.tasks.store.store import Store, StoreError, store_address
 
 LOCAL: Final = "local:"
 """Begins the address of a cluster of this machine's own, with the number of its workers."""
@@ -44,6 +44,7 @@ _WATCH_S: Final = 1.0
 _END_S: Final = 2.0
 _GROUP: Final = "vastflow"
 _DASK: Final = logging.getLogger("distributed.client")
+_SILENT: Final = "CommClosedError", "ConnectionRefusedError", "ConnectionResetError", "OSError", "TimeoutError"
 _UNUSABLE: Final = TypeError, ValueError, LookupError
 """Errors of an address without a port, a file of something else, and missing certificates, at which waiting doesn't help."""
 
@@ -85,6 +86,7 @@ class DaskCluster:
         self._client: Any = None
         self._error: ClusterError | None = None
         self._server: subprocess.Popen[bytes] | None = None
+        self._security: Any = None
         self._threads = 0
         self._before: Bundle | None = None
         self._open: dict[int, _Job] = {}
@@ -253,17 +255,19 @@ class DaskCluster:
         Raises:
             ClusterError: one of them has not.
         """
-        client = distributed.Client(self._scheduler(), timeout=CONNECT_S, set_as_default=False, name=_GROUP)
+        address = self._scheduler()
+        client = plain_client(address, self._security, timeout=CONNECT_S, name=_GROUP)
         try:
-            for worker, answer in client.run(identity, on_error="return").items():
-                if isinstance(answer, OSError):  # it is dead or stopped, which the scheduler notices in its time
+            for worker, answer in call_workers(client, identity).items():
+                silent, said = pickled_error(answer) if isinstance(answer, str) else ("", answer.get("exception_text"))
+                if silent in _SILENT:  # it is dead or stopped, which the scheduler notices in its time
                     continue
-                if isinstance(answer, Exception):
+                if said is not None:
                     raise ClusterError(
-                        f"worker {worker} can't run this vastflow ({_said(answer)}); install the same version there"
+                        f"worker {worker} can't run this vastflow ({said}); install the same version there"
                     )
-                if answer != dask_worker.own_code()[0]:
-                    raise ClusterError(self._other(OtherCode(worker, answer)))
+                if answer["result"] != dask_worker.own_code()[0]:
+                    raise ClusterError(self._other(OtherCode(worker, answer["result"])))
         except BaseException:
             client.close(_END_S)
             raise
@@ -286,6 +290,10 @@ class DaskCluster:
                 self._server = subprocess.Popen(
                     [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log
                 )
+            self._security = Security.temporary()  # else every user of this machine may run code as this one
+            assert self._server.stdin is not None
+            self._server.stdin.write(pickle.dumps(self._security))
+            self._server.stdin.flush()
         assert self._server.stdout is not None
         address = self._server.stdout.readline().decode().strip()
         if not address:
@@ -310,7 +318,7 @@ class DaskCluster:
 
     def _no_worker(self, paused: int) -> str:
         if not paused:
-            return f"no worker at {self._address}; start one: dask worker {self._address} --nthreads 1"
+            return f"no worker at {self._address}; start one: dask worker {self._address} --nthreads 1 --dashboard-address 127.0.0.1:0"
         return (
             f"all workers at {self._address} ({paused}) are paused by Dask, as they use more memory than their limit allows; "
             "start others, or these anew, with a higher --memory-limit or with --memory-limit 0"
@@ -373,20 +381,30 @@ class DaskCluster:
                         return
                 self._take_one(job, result, error)
 
-    def _take_one(self, job: _Job, result: Any, error: Exception | None) -> None:
+    def _take_one(self, job: _Job, text: Any, error: Exception | None) -> None:
         """Take the outcome of a job, or try again."""
+        answer, killed = Answer(), False
+        if error is not None:
+            name, said = pickled_error(str(error))
+            killed, error = name == "KilledWorker", RuntimeError(f"{name}, raised by Dask on its worker: {said}")
+        else:
+            try:
+                answer = read_answer(text)
+            except (ValueError, TypeError, LookupError) as wrong:
+                said = " ".join(str(wrong).split())[:200]
+                error = RuntimeError(f"a worker answered something else than this vastflow does ({said})")
         with self._lock:
             if job.number not in self._open:
                 return
-            if isinstance(result, OtherCode):
-                if result not in self._refused:  # units that are on their way come back, too
-                    self._refused.add(result)
-                    self._notice(f"{self._other(result)}; it gets no more units")
+            if answer.other is not None:
+                if answer.other not in self._refused:  # units that are on their way come back, too
+                    self._refused.add(answer.other)
+                    self._notice(f"{self._other(answer.other)}; it gets no more units")
                 with suppress(Exception):
-                    self._client.retire_workers([result.worker], close_workers=True)
+                    self._client.retire_workers([answer.other.worker], close_workers=True)
                 self._send(job)
                 return
-            if isinstance(error, KilledWorker):
+            if killed:
                 if job not in self._suspects:
                     self._suspects.append(job)
                     if len(self._suspects) == 1:
@@ -398,7 +416,9 @@ class DaskCluster:
                 self._suspects.remove(job)
                 if self._suspects:
                     self._send(self._suspects[0])
-        end(job.outcome, error, result)
+        if answer.unusable is not None:
+            error = StoreError(answer.unusable)
+        end(job.outcome, error, answer.executed or answer.broken or answer.value)
 
     def _lost(self, client: Any) -> None:
         """Reconnect to the scheduler or its successor at the same address, whose state is lost."""

@@ -20,13 +20,16 @@ import distributed
 import locket
 import platformdirs
 from distributed.diagnostics.plugin import WorkerPlugin
+from pydantic import TypeAdapter
 
 from vastflow.sim.model.digest import digest
 from vastflow.sim.plug_ins.effects import Interrupted
 from vastflow.tasks.engine.bundle import Bundle, content_of
 from vastflow.tasks.engine.machine_check import check_folders
+from vastflow.tasks.engine.work import Broken, Executed, broken
 from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, numeric_class
 from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.artifact import artifact_of, inside, manifest_of
 from vastflow.tasks.store.source_files import SourceFiles
 from vastflow.tasks.store.store import Store, StoreError, store_address
 
@@ -59,6 +62,43 @@ class OtherCode:
 
     worker: str
     code: str
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The answer of a worker, which is data and comes back as JSON: nothing that a worker says is unpickled.
+
+    Attributes:
+        unusable: Why the store, or a folder, can't be used.
+        value: The result if it is neither `Executed` nor `Broken`.
+    """
+
+    executed: Executed | None = None
+    broken: Broken | None = None
+    other: OtherCode | None = None
+    unusable: str | None = None
+    value: Any = None
+
+
+_ANSWERS: Final = TypeAdapter(Answer)
+
+
+def write_answer(answer: Answer) -> bytes:
+    """Write an answer as JSON."""
+    return _ANSWERS.dump_json(answer)
+
+
+def read_answer(text: str | bytes) -> Answer:
+    """Read an answer; the artifacts in it are checked as if the store had given them.
+
+    Raises:
+        ValueError: it is something else, such as a pickle.
+    """
+    answer = _ANSWERS.validate_json(text)
+    for artifact in answer.executed.artifacts if answer.executed else ():
+        inside(Path(), artifact.key)
+        artifact_of(artifact.key, manifest_of(artifact))
+    return answer
 
 
 def own_code() -> tuple[str, SourceFiles]:
@@ -95,14 +135,18 @@ def shared_value(place: str, sha256: str) -> Any:
     return _shared(place, sha256).opened(_store(place))
 
 
-def run_unit(message: bytes) -> Any:
-    """Run a unit on a worker."""
+def run_unit(message: bytes) -> bytes:
+    """Run a unit on a worker, and return its `Answer`."""
+    return write_answer(_answer(message))
+
+
+def _answer(message: bytes) -> Answer:
     received: Message = pickle.loads(message)
     worker = distributed.get_worker()
     if worker.state.tasks[worker.active_threads[threading.get_ident()]].state == "cancelled":
-        return None  # before it had a thread that could be interrupted
+        return Answer()  # before it had a thread that could be interrupted
     if (own := own_code()[0]) != received.code:
-        return OtherCode(worker.address, own)
+        return Answer(other=OtherCode(worker.address, own))
     if Interrupting.name not in worker.plugins:
         worker.loop.add_callback(worker.plugin_add, Interrupting())
     try:
@@ -111,9 +155,14 @@ def run_unit(message: bytes) -> Any:
             with _PREPARING:
                 _prepare_once(received.before, received.place)
         function, *arguments = received.unit.opened(store)
-        return function(*arguments)
+        found = function(*arguments)
     except StoreError as error:
-        raise StoreError(f"on {platform.node()}: {error}") from None
+        return Answer(unusable=f"on {platform.node()}: {error}")
+    except Exception as error:  # noqa: BLE001 - what can't be unpickled here, say
+        found = broken(error)
+    if isinstance(found, Executed):
+        return Answer(executed=found)
+    return Answer(broken=found) if isinstance(found, Broken) else Answer(value=found)
 
 
 @functools.lru_cache(maxsize=16)
@@ -144,15 +193,24 @@ class Interrupting(WorkerPlugin):
                         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), interrupted)
 
 
-def identity() -> str:
-    """Return the digest of a worker's code."""
-    return own_code()[0]
+def identity() -> bytes:
+    """Return the digest of a worker's code; Dask sends bytes as they are."""
+    return own_code()[0].encode()
 
 
 def serve(workers: int) -> None:
-    """Serve a cluster of this machine's own until standard input ends; prints the scheduler's address."""
+    """Serve a cluster of this machine's own until standard input, which begins with its pickled `Security`, ends.
+
+    Prints the scheduler's address.
+    """
     with distributed.LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=None,
+        memory_limit=0,
+        security=pickle.load(sys.stdin.buffer),
+        protocol="tls://",
     ) as cluster:
         print(cluster.scheduler_address, flush=True)
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())

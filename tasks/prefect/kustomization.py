@@ -45,8 +45,10 @@ def cluster_files(
     parts = template("templates/cluster.yaml")
     flavor, cluster, local = template("kueue/queues.yaml")
     place = ["--name", "$(DASK_WORKER_NAME)"] if operator else [SCHEDULER]
-    worker = ["dask", "worker", *place, "--nthreads", "1", "--memory-limit", "0", "--no-dashboard"]
-    scheduler = ["dask", "scheduler", "--port", "8786", "--no-dashboard"]
+    # Without an address, Dask serves HTTP on all interfaces even if it has no dashboard.
+    http = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
+    worker = ["dask", "worker", *place, "--nthreads", "1", "--memory-limit", "0", *http]
+    scheduler = ["dask", "scheduler", "--port", "8786", *http]
     needs = description.main.needs
     needs = Needs(needs.cpu or _WORKER_NEEDS.cpu, needs.memory_bytes or _WORKER_NEEDS.memory_bytes, needs.gpu)
     total_bytes = (needs.memory_bytes or 0) * workers + (_CAMPAIGN_NEEDS.memory_bytes or 0)

@@ -9,6 +9,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from pydantic import TypeAdapter, ValidationError
+from typing_extensions import TypedDict
+
 from vastflow.sim.model.digest import digest
 from vastflow.sim.model.faults import UserError
 
@@ -45,7 +48,7 @@ class Artifact:
 
     @property
     def info(self) -> dict[str, Any]:
-        """The facts. `places` says where files belong in a campaign directory."""
+        """The facts."""
         return dict(json.loads(self.info_json))
 
     @property
@@ -106,23 +109,58 @@ def manifest_of(artifact: Artifact) -> bytes:
     return hashlib.sha256(promise).hexdigest().encode() + b"\n" + promise
 
 
+class _Promise(TypedDict):
+    key: str
+    files: dict[str, FileEntry]
+    info: dict[str, Any]
+
+
+class _Recorded(TypedDict):
+    runs: list[tuple[int, float]]
+
+
+class _Judged(TypedDict):
+    runs: list[tuple[int, str]]
+    causes: list[tuple[int, str]]
+
+
+class _Counted(TypedDict):
+    counted: list[tuple[str, str, int]]
+    stood_still: int
+
+
+_PROMISE: Final = TypeAdapter(_Promise)
+_FACTS: Final = {
+    "execute": TypeAdapter[Any](_Recorded),
+    "judge": TypeAdapter[Any](_Judged),
+    "rows": TypeAdapter[Any](_Counted),
+    "search": TypeAdapter[Any](TypedDict("_Searched", {"batches": int})),
+}
+"""Stage to the facts that its readers rely on: a manifest with a right checksum may still be anybody's."""
+
+
 def artifact_of(key: str, manifest: bytes) -> Artifact:
     """Return the artifact that a manifest promises.
 
     Raises:
-        ValueError, KeyError, TypeError: it is not what was written, or not under this key.
+        ValueError: it is not what was written, not under this key, or lacks what the stage's artifacts have.
     """
     hashed, _, promise = manifest.partition(b"\n")
     if hashlib.sha256(promise).hexdigest().encode() != hashed:
         raise ValueError(f"{MANIFEST} is not what was written")
-    body = json.loads(promise)
-    if body.get("key") != key:
-        raise ValueError(f"it is a copy of {body.get('key')}")
-    files, info = dict(body["files"]), dict(body["info"])
-    for name in (*files, *dict(info.get("places", {})).values()):
-        inside(Path(), str(name))
-    entries = {sys.intern(name): FileEntry(**entry) for name, entry in files.items()}
-    return Artifact(key, entries, sys.intern(info_text(info)))  # of most configurations alike
+    try:
+        body = _PROMISE.validate_json(promise)
+        if facts := _FACTS.get(key.partition("/")[0]):
+            facts.validate_python(body["info"])
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ValueError(f"{MANIFEST}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+    if body["key"] != key:
+        raise ValueError(f"it is a copy of {body['key']}")
+    for name in body["files"]:
+        inside(Path(), name)
+    entries = {sys.intern(name): entry for name, entry in body["files"].items()}
+    return Artifact(key, entries, sys.intern(info_text(body["info"])))  # of most configurations alike
 
 
 def present(key: str, manifest: bytes, size_bytes: Callable[[str, FileEntry], int]) -> Artifact:
@@ -133,7 +171,7 @@ def present(key: str, manifest: bytes, size_bytes: Callable[[str, FileEntry], in
 
     Raises:
         FileNotFoundError: a file is missing.
-        ValueError, KeyError, TypeError: a file has another size, or the manifest is damaged.
+        ValueError: a file has another size, or the manifest is damaged.
     """
     artifact = artifact_of(key, manifest)
     for name, entry in artifact.files.items():

@@ -37,7 +37,7 @@ class StoreFiles(Protocol):
         """Return the artifact of a key by its manifest and the sizes of its files.
 
         Raises:
-            FileNotFoundError, ValueError, KeyError, TypeError: something lies there that is no whole artifact.
+            FileNotFoundError, ValueError: something lies there that is no whole artifact.
         """
 
     def everything(self) -> Iterator[tuple[str, Artifact | None]] | None:

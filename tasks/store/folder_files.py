@@ -7,10 +7,12 @@ import contextlib
 import hashlib
 import os
 import shutil
+import stat
 import time
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 from typing import Final
 
@@ -73,7 +75,7 @@ class FolderFiles:
 
     def measured(self, key: str, name: str, entry: FileEntry) -> FileEntry:
         """See `StoreFiles.measured`; a damaged file may be larger than memory."""
-        with open(f"{self.local}/{key}/{name}", "rb") as file:
+        with _opened(f"{self.local}/{key}/{name}") as file:
             size = os.fstat(file.fileno()).st_size
             return FileEntry(hashlib.file_digest(file, "sha256").hexdigest() if size == entry.size else "", size)
 
@@ -130,6 +132,18 @@ class FolderFiles:
 
 
 def _content(path: str) -> bytes:
-    """Return a file's content; pathlib and a buffer would double the time."""
-    with open(path, "rb", buffering=0) as file:
+    with _opened(path) as file:
         return file.read()
+
+
+def _opened(path: str) -> FileIO:
+    """Open a regular file without waiting for a pipe's writer; pathlib and a buffer would double the time.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    file = FileIO(os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0)))
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise ValueError(f"{os.path.basename(path)} is no regular file")
+    return file

@@ -83,7 +83,7 @@ class RemoteFiles:
         for key, manifest in self._manifests({key: files[MANIFEST] for key, files in whole.items()}).items():
             try:
                 yield key, _present(key, manifest, whole[key])
-            except (FileNotFoundError, ValueError, KeyError, TypeError):
+            except (FileNotFoundError, ValueError):
                 yield key, None
 
     def names(self, key: str) -> Iterable[str]:

@@ -173,14 +173,17 @@ class Store:
         Raises:
             Lost: it is missing or damaged; a damaged artifact is gone afterwards.
         """
-        key, entry = artifact.key, artifact.files[name]
-        if key in self._held:
+        key, entry = artifact.key, artifact.files.get(name)
+        if key in self._held and entry is not None:
             return self._held[key][1][name]
         try:
-            content = self._files.read(key, name, entry)
+            content = b"" if entry is None else self._files.read(key, name, entry)
         except FileNotFoundError:
             self.changed(key)
             raise Lost(f"{key}: {name} went away") from None
+        except ValueError as error:
+            self.discard(key, str(error))
+            raise Lost(f"{key}: {error}") from None
         except OSError as error:
             raise _unreadable(error) from None
         if entry_of(content) != entry:
@@ -195,7 +198,7 @@ class Store:
             Lost: as `load`, or there is none of this key.
         """
         artifact = self.find(key)
-        if artifact is None or name not in artifact.files:
+        if artifact is None:
             raise Lost(f"{key}: {name} is not in the store")
         return self.load(artifact, name)
 
@@ -205,7 +208,7 @@ class Store:
             return self._files.read(key, name)
         except StoreError:
             raise
-        except OSError:
+        except (OSError, ValueError):
             return None
 
     def put(
@@ -278,7 +281,7 @@ class Store:
             raise
         except OSError as error:
             return f"{name} can't be read ({error.strerror})"
-        except (ValueError, KeyError, TypeError) as error:
+        except ValueError as error:
             return str(error)
         return None
 
@@ -303,7 +306,7 @@ class Store:
                     self.discard(key, f"no file {error.filename}")
             except OSError as error:
                 raise _unreadable(error) from None
-            except (ValueError, KeyError, TypeError) as error:
+            except ValueError as error:
                 self.discard(key, str(error))
                 return None
         return None

@@ -55,6 +55,8 @@ def test_deploy_writes_folder_for_kubectl(file, tmp_path):
     (port,) = service["spec"]["ports"]
     assert f"tcp://{service['metadata']['name']}:{port['port']}" == SCHEDULER
     assert container_of(workers)["args"][:3] == ["dask", "worker", SCHEDULER]
+    for each in (scheduler, workers):  # else Dask serves HTTP to the whole network
+        assert container_of(each)["args"][-3:] == ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
     assert workers["spec"]["completions"] == workers["spec"]["parallelism"] == 20
     assert container_of(workers)["resources"] == {
         "requests": {"cpu": "2", "memory": "6Gi"},

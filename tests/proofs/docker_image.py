@@ -61,8 +61,32 @@ def started(shared: Path, *command: str) -> str:
 def in_containers(shared: Path, options: Sequence[str]) -> Path:
     """Run the campaign in containers, and return its directory."""
     address = f"tcp://127.0.0.1:{PORT}"
-    worker = ("dask", "worker", address, "--nthreads", "1", "--memory-limit", "0", "--no-dashboard")
-    containers = [started(shared, "dask", "scheduler", "--host", "127.0.0.1", "--port", PORT, "--no-dashboard")]
+    worker = (
+        "dask",
+        "worker",
+        address,
+        "--nthreads",
+        "1",
+        "--memory-limit",
+        "0",
+        "--no-dashboard",
+        "--dashboard-address",
+        "127.0.0.1:0",
+    )
+    containers = [
+        started(
+            shared,
+            "dask",
+            "scheduler",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            PORT,
+            "--no-dashboard",
+            "--dashboard-address",
+            "127.0.0.1:0",
+        )
+    ]
     try:
         containers += [started(shared, *worker) for _ in range(2)]
         places = ("--results", str(shared / "results"), "--store", str(shared / "store"), "--cluster", address)

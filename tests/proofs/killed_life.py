@@ -392,7 +392,13 @@ class Crew:
         return self._started("worker", "--nthreads", "1", "--memory-limit", "0", "--death-timeout", "30")
 
     def _started(self, *arguments: str) -> psutil.Popen:
-        file = ["--scheduler-file", str(self._place.scheduler_file), "--no-dashboard"]
+        file = [
+            "--scheduler-file",
+            str(self._place.scheduler_file),
+            "--no-dashboard",
+            "--dashboard-address",
+            "127.0.0.1:0",
+        ]
         return _started(["dask", *arguments, *file], self._place.environment(), self._place.folder / "crew")
 
 

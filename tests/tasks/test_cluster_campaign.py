@@ -140,7 +140,7 @@ class Cluster:
         wait_until(lambda: "Register worker" in (self.folder / "log").read_text())
 
     def started(self, *arguments, **variables):
-        file = ("--scheduler-file", str(self.file), "--no-dashboard")
+        file = ("--scheduler-file", str(self.file), "--no-dashboard", "--dashboard-address", "127.0.0.1:0")
         with open(self.folder / "log", "ab") as log:
             process = psutil.Popen(
                 [sys.executable, "-m", "dask", *arguments, *file],
