@@ -30,6 +30,7 @@ from vastflow.deployments.explorer.selection import (
     python_of,
 )
 from vastflow.oracles.results.unusable import reading
+from vastflow.sim.model.parquet import open_table
 
 MOST_POINTS: Final = 5000
 MOST_LINES: Final = 800
@@ -64,8 +65,9 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         def answer(request: Request) -> Response:
             campaign = opened.of(name_of(request, "c"))
             chosen = parse_filter(request.query_params.get("f", ""))
-            found = made(request, campaign, chosen, mask_of(campaign.table, chosen))
-            return found if isinstance(found, Response) else pages.part(request, f"{name}.html.j2", found)
+            with reading(campaign.directory.path):
+                found = made(request, campaign, chosen, mask_of(campaign.table, chosen))
+                return found if isinstance(found, Response) else pages.part(request, f"{name}.html.j2", found)
 
         return answer
 
@@ -159,7 +161,7 @@ def table(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> 
 def write_selected(table: Path, mask: Bools, file: IO[bytes], form: str) -> None:
     """Write the selected runs of a table as `csv` or `parquet`, some rows at a time to save memory."""
     writer, start = None, 0
-    for batch in pq.ParquetFile(table).iter_batches(_ROWS_A_BATCH):
+    for batch in open_table(table).iter_batches(_ROWS_A_BATCH):
         plain = [pc.cast(each, pa.string()) if pa.types.is_dictionary(each.type) else each for each in batch.columns]
         part = pa.table(plain, names=batch.schema.names).filter(pa.array(mask[start : start + len(batch)]))
         start += len(batch)

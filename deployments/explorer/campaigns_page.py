@@ -18,6 +18,8 @@ from vastflow.oracles.statistics.intervals import Counts
 
 MOST_POINTS: Final = 30
 """Campaigns in a drawing, the newest."""
+MOST_RUNS: Final = 2**53
+"""Runs of a verdict that arithmetic can take; a number beyond is not believed."""
 _STEP: Final = 0.1
 """Steps of the ends of the scale."""
 
@@ -44,7 +46,7 @@ def counts_of(campaign: CampaignDirectory) -> Counts | None:
     """Return the runs of a finished campaign, or None where they are not known."""
     told = campaign.metadata.get("counts", {}) if campaign.state == "finished" else {}
     numbers = [told.get(name) for name in ("passed", "failed", "not_judged")]
-    known = [number for number in numbers if isinstance(number, int) and number >= 0]
+    known = [number for number in numbers if isinstance(number, int) and 0 <= number <= MOST_RUNS]
     return Counts(*known) if len(known) == len(numbers) else None
 
 

@@ -61,6 +61,7 @@ class Comparisons:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        self._locks: dict[tuple[str, str], threading.Lock] = {}
         self._tables = lru_cache(_KEPT_TABLES)(_tables)
         self._compared = lru_cache(_KEPT)(self._compare)
 
@@ -70,7 +71,8 @@ class Comparisons:
         Raises:
             UserError: a directory is damaged or unfinished, or there is nothing to compare.
         """
-        with self._lock:  # two requests for one page compute it once
+        # Two requests for one page compute it once, and those for other campaigns don't wait.
+        with self._locks.setdefault((question.before.id, question.after.id), threading.Lock()):
             return self._compared(question)
 
     def _compare(self, question: Question) -> "Compared":

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -23,10 +22,11 @@ from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import signal_name, signals_of
 from vastflow.oracles.results.executed import KeptFiles, configuration_row, scenario_of_row
 from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, PASS
-from vastflow.oracles.results.unusable import reading
+from vastflow.oracles.results.unusable import DAMAGE, reading
 from vastflow.oracles.statistics.intervals import Counts
 from vastflow.sim.model.blocks import read_block, read_rows
 from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.parquet import open_table
 from vastflow.sim.model.recording import Event, run_of
 
 TIME: Final = "t_s"
@@ -109,7 +109,7 @@ def surroundings(directory: Path, name: str, rows: Sequence[Mapping[str, Any]]) 
     """Return start, goals, and outlines of obstacles, those that runs spawned too; empty where the scenario can't be rebuilt."""
     try:
         situation = situation_of(scenario_of_row(configuration_row(directory, name), KeptFiles(directory)))
-    except (OSError, ValueError, LookupError):
+    except DAMAGE:
         return {"start": None, "goals": [], "obstacles": []}
     spawned = [obstacle for row in rows if row.get("entities") for obstacle in spawned_by(run_of(row))]
     obstacles = distinct_obstacles([*situation.obstacles, *spawned])
@@ -231,7 +231,7 @@ def _signals(campaign: Campaign, k: int) -> list[tuple[int, Mapping[str, NDArray
 
 def _signal_names(campaign: Campaign, k: int) -> list[str]:
     """Return the signals of a configuration, those that tell most first, without reading them."""
-    stored = [name for file in _stored(campaign, k) for name in pq.ParquetFile(file).schema_arrow.names[1:]]
+    stored = [name for file in _stored(campaign, k) for name in open_table(file).schema_arrow.names[1:]]
     names = [signal_name(name[:-3] if name.endswith((":d0", ":d1", ":d2")) else name) for name in stored]
     found = [name for name in dict.fromkeys(names) if name not in _NO_SIGNALS]
     return sorted(found, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))

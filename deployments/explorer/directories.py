@@ -3,15 +3,17 @@
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
 from vastflow.flows.results.address import METADATA
 from vastflow.oracles.results.events import EVENTS, LAST, Event, event_of
 from vastflow.oracles.results.unfinished import final_of, is_running
-from vastflow.sim.model.files import read_json
+from vastflow.oracles.results.unusable import DAMAGE
+from vastflow.sim.model.files import is_inside, open_file, read_json
 
 State: TypeAlias = Literal["running", "finished", "stopped", "damaged"]
 
@@ -22,12 +24,10 @@ _NAMED: Final = re.compile(r"(.+)-(\d{4}-\d\d-\d\d)-(\d\d)(\d\d)(\d\d)(-\d+)?")
 """Name of a campaign directory: that of the campaign, and when it was begun."""
 _END_BYTES: Final = 8192
 """Part of the events that is read for the first and for the last."""
-_FILES: Final = (
-    *(METADATA, "campaign.vast", "report.html", EVENTS),
-    *(f"{table}.parquet" for table in ("configurations", "rejections", "runs", "verdicts")),
-    *("recordings", "traces", "environments", "inputs", "outputs", "logs", "figures"),
-)
-"""Names in a campaign directory that must not lead out of it."""
+_KEPT: Final = 2000
+"""Campaigns whose `metadata.json` stays in memory, as each request reads those of all."""
+_MOST_METADATA_BYTES: Final = 32 * 2**20
+_MOST_NAME: Final = 1000
 
 
 class NoSuchCampaign(LookupError):
@@ -72,6 +72,7 @@ class Directories:
     def __init__(self, roots: Sequence[Path]) -> None:
         self.roots = tuple(root.resolve() for root in roots)
         self._hidden: tuple[Path, ...] = ()
+        self._read = lru_cache(_KEPT)(_metadata)
 
     def hide(self, root: Path) -> None:
         """Find, but don't list, campaign directories below a folder from now on."""
@@ -79,7 +80,7 @@ class Directories:
 
     def all(self) -> list[CampaignDirectory]:
         """Return every campaign directory, newest first."""
-        found = {path: directory_at(path) for root in self.roots for path in _below(root, DEEPEST)}
+        found = {path: self._at(path) for root in self.roots for path in _below(root, DEEPEST)}
         return sorted(found.values(), key=lambda each: (each.created, each.path.name), reverse=True)
 
     def find(self, id: str) -> CampaignDirectory:
@@ -91,13 +92,20 @@ class Directories:
         for root in (*self.roots, *self._hidden):
             for path in _below(root, DEEPEST):
                 if _id(final_of(path)) == id:
-                    return directory_at(path)
+                    return self._at(path)
         raise NoSuchCampaign("No campaign directory has this id; it may have been moved or removed.")
 
+    def _at(self, path: Path) -> CampaignDirectory:
+        return directory_at(path, self._read)
 
-def directory_at(path: Path) -> CampaignDirectory:
-    """Return the campaign directory of a path."""
-    return _finished(path) if final_of(path) == path else _unfinished(path)
+
+def directory_at(path: Path, read: "MetadataReader | None" = None) -> CampaignDirectory:
+    """Return the campaign directory of a path, damaged where anything in it is not what a campaign writes."""
+    try:
+        return _finished(path, read or _metadata) if final_of(path) == path else _unfinished(path)
+    except DAMAGE as error:
+        problem = " ".join(str(error).split()) or type(error).__name__
+        return CampaignDirectory(_id(final_of(path)), path, path.name, "", "damaged", problem=problem)
 
 
 def _below(folder: Path, depth: int) -> Iterator[Path]:
@@ -127,7 +135,7 @@ def _unfinished(path: Path) -> CampaignDirectory:
     named = _NAMED.fullmatch(final.name)
     assert named is not None  # or it would not be unfinished
     name, created = named[1], f"{named[2]}T{named[3]}:{named[4]}:{named[5]}"
-    first, last = _ends(path / EVENTS) if _within(path, EVENTS) else (None, None)
+    first, last = _ends(path / EVENTS) if is_inside(path / EVENTS, path) else (None, None)
     if first is not None and isinstance(first.values.get("name"), str):
         name = first.values["name"]  # the folder's name lacks characters
     if is_running(path):
@@ -139,33 +147,41 @@ def _unfinished(path: Path) -> CampaignDirectory:
 def _ends(file: Path) -> tuple[Event | None, Event | None]:
     """Return the first and the last event of a file; None for what is not there."""
     try:
-        with open(file, "rb") as events:
+        with open_file(file) as events:
             head = events.read(_END_BYTES).split(b"\n")[0]
             size = events.seek(0, os.SEEK_END)
             events.seek(max(0, size - _END_BYTES))
-            *_, tail = [b"", *events.read().split(b"\n")[:-1]]
-    except OSError:
+            *_, tail = [b"", *events.read(_END_BYTES).split(b"\n")[:-1]]
+    except (OSError, ValueError):
         return None, None
     return event_of(head), event_of(tail)
 
 
-def _finished(path: Path) -> CampaignDirectory:
-    problem, metadata = "", {}
+MetadataReader: TypeAlias = Callable[[Path, tuple[int, ...]], Mapping[str, Any]]
+"""Reads `metadata.json` of a directory; the second argument tells a cache that it is another file."""
+
+
+def _metadata(path: Path, written: tuple[int, ...]) -> Mapping[str, Any]:
+    if written[0] > _MOST_METADATA_BYTES:
+        raise ValueError(f"{METADATA}: got {written[0]:,} bytes, expected at most {_MOST_METADATA_BYTES:,}")
+    content = read_json(path / METADATA)
+    return content if isinstance(content, dict) else {}
+
+
+def _finished(path: Path, read: MetadataReader) -> CampaignDirectory:
+    problem, metadata = "", dict[str, Any]()
     try:
-        if led := next((name for name in _FILES if not _within(path, name)), None):
+        if led := next(
+            (each.name for each in os.scandir(path) if each.is_symlink() and not is_inside(each, path)), None
+        ):
             raise ValueError(f"{led} is a link out of the directory")
-        content = read_json(path / METADATA)
-        metadata = content if isinstance(content, dict) else {}
+        status = os.stat(path / METADATA)
+        metadata = {**read(path, (status.st_size, status.st_mtime_ns, status.st_ino))}
         lacking = {"name", "created", "counts"} - metadata.keys()
         if lacking or not isinstance(metadata["counts"], dict):
             raise ValueError(f"{METADATA} has no {min(lacking, default='counts')}")
-    except (OSError, ValueError) as error:
-        problem = " ".join(str(error).split())
-    name, created = (str(metadata.get(key, "")) for key in ("name", "created"))
+    except DAMAGE as error:
+        problem = " ".join(str(error).split()) or type(error).__name__
+    name, created = (str(metadata.get(key, ""))[:_MOST_NAME] for key in ("name", "created"))
     state: State = "damaged" if problem else "finished"
     return CampaignDirectory(_id(path), path, name or path.name, created, state, metadata, problem)
-
-
-def _within(folder: Path, name: str) -> bool:
-    place = folder / name
-    return not place.is_symlink() or place.resolve().is_relative_to(folder)

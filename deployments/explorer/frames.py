@@ -10,7 +10,6 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vastflow.deployments.explorer.packed import packed
@@ -20,6 +19,7 @@ from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, trace_of
 from vastflow.oracles.results.executed import KeptFiles, configuration_row, recordings_of, scenario_of_row
+from vastflow.oracles.results.schema import rows_of
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.blocks import read_block
@@ -86,7 +86,7 @@ def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun
     with reading(directory.name):
         row = configuration_row(directory, configuration)
         name = row["duplicate_of"] or configuration
-        of_all = pq.read_table(directory / "verdicts.parquet", filters=[("configuration", "==", name)])
+        of_all = rows_of(directory / "verdicts.parquet", "configuration", name)
         if not (verdicts := of_all.filter(pc.field("run_index") == run_index).to_pylist()):
             numbers = f"0 to {pc.max(of_all['run_index'])}" if len(of_all) else "of which it has none"
             raise UnusableDirectory(
@@ -239,7 +239,8 @@ def _track_row(track: ObstacleTrack) -> dict[str, Any]:
 def _grids(scenario: Scenario) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]]]:
     """Yield the map, the world where it differs, and masks of costmap filters: place and cells of each."""
     map_file = scenario.environment["map_file"]
-    assert isinstance(map_file, FileContent)  # else no robot would have been executed
+    if not isinstance(map_file, FileContent):
+        raise TypeError("the scenario of a robot has no map")
     occupancy = load_map(map_file.path)
     found = [("map", occupancy, _cells_of(occupancy))]
     if (difference := difference_of(scenario.environment.get(WORLD_KEY))) is not None:

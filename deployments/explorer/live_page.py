@@ -26,7 +26,7 @@ from vastflow.deployments.explorer.pages import Pages, address, name_of, number_
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.oracles.results.events import LAST, Event, EventReader, gone_event
 from vastflow.oracles.results.unfinished import ask_to_stop, place_of
-from vastflow.oracles.results.unusable import UnusableDirectory
+from vastflow.oracles.results.unusable import DAMAGE, UnusableDirectory
 
 EVERY_S: Final = 0.5
 HEARTBEAT_S: Final = 15.0
@@ -47,7 +47,7 @@ class Follower:
     def look(self) -> dict[str, Any]:
         """Return the present state."""
         events, reader = [], self._reader
-        with suppress(OSError):
+        with suppress(OSError, ValueError):
             events = reader.new()
         whole = place_of(reader.directory) == reader.directory
         if reader.gone and not any(event.event in LAST for event in events) and not self.live.over:
@@ -55,7 +55,7 @@ class Follower:
         for event in events:
             try:
                 self.live.take(event)
-            except (KeyError, TypeError, ValueError):
+            except DAMAGE:
                 self.damaged += 1
         return {**self.live.state(time.time()), "damaged": self.damaged + reader.damaged, "whole": whole}
 

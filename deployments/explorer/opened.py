@@ -66,7 +66,7 @@ class OpenedCampaigns:
     def __init__(self, directories: Directories) -> None:
         self.find = directories.find
         self._opened = lru_cache(_KEPT)(_opened)
-        self._lock = threading.Lock()
+        self._locks: dict[str, threading.Lock] = {}
 
     def of(self, id: str) -> Campaign:
         """Return a campaign with its tables, which are read anew when their file is another.
@@ -77,7 +77,9 @@ class OpenedCampaigns:
         """
         directory = self.find(id)
         file = directory.path / WIDE_FILE
-        with self._lock:  # two requests for one page read it once
+        with self._locks.setdefault(
+            id, threading.Lock()
+        ):  # two requests for one page read it once, and others don't wait
             return self._opened(directory, file.stat().st_mtime_ns if file.is_file() else None)
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyarrow.parquet as pq
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
@@ -18,6 +17,7 @@ from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.pages import ARRAYS, Pages, name_of, number_of
+from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, read_verdicts
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.tasks.engine.executor import Priority, WorkerDied
@@ -77,7 +77,7 @@ def around_run(directory: Path, configuration: str, run_index: int) -> Mapping[s
         UnusableDirectory: a missing or damaged table.
     """
     with reading(directory.name):
-        names = pq.read_table(directory / "configurations.parquet", columns=["name"])["name"].to_pylist()
+        names = [row["name"] for row in table_rows(directory / "configurations.parquet", "name")]
         verdicts = read_verdicts(directory, names)
         own, said = verdicts.rows_of(names.index(configuration)), verdicts.together
     runs = dict(zip(verdicts.run_index[own].tolist(), map(JUDGEMENTS.get, said[own].tolist()), strict=True))

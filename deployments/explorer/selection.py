@@ -10,13 +10,13 @@ from urllib.parse import quote, unquote
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.varied import MEASURED, PATH_PROPERTIES
 from vastflow.oracles.results.schema import floats
 from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS, run_keys
 from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.parquet import open_table
 
 Group: TypeAlias = Literal["run", "verdict", "metric", "factor", "path"]
 Bools: TypeAlias = NDArray[np.bool_]
@@ -233,8 +233,8 @@ def read_run_table(directory: Path) -> RunTable:
         OSError, ValueError: their table is missing or damaged, or runs are in disorder.
     """
     try:
-        file = pq.ParquetFile(directory / WIDE_FILE)
-    except pa.ArrowException as error:
+        file = open_table(directory / WIDE_FILE)
+    except (pa.ArrowException, ValueError) as error:
         raise ValueError(f"{WIDE_FILE}: can't be read: {' '.join(str(error).split())}") from None
     names = file.schema_arrow.names
     if lacking := [name for name in ("configuration", "run_index", PASSED) if name not in names]:

@@ -1,6 +1,7 @@
 """Recorded paths of a campaign, read in the background, and what selected runs show on a map."""
 
 import io
+import os
 import threading
 import time
 from base64 import b64encode
@@ -16,8 +17,10 @@ from numpy.typing import NDArray
 from vastflow.deployments.explorer.facets import run_arrays
 from vastflow.deployments.explorer.selection import Bools, RunTable
 from vastflow.oracles.results.tables import FAIL, NOT_JUDGED
+from vastflow.oracles.results.unusable import DAMAGE
 from vastflow.oracles.statistics.failure_map import LAST_M, MINIMUM_VISITS, FailureGrid, grid_over
 from vastflow.sim.model.blocks import read_columns
+from vastflow.sim.model.files import is_file, is_inside
 from vastflow.sim.model.recording import si
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
@@ -149,8 +152,8 @@ def floor_of(directory: Path, environment: str) -> Floor:
 def stored_file(directory: Path, folder: str, configuration: str) -> Path | None:
     """Return a configuration's file in a folder; None without one, or where its name or a link leads out."""
     file = directory / folder / f"{configuration}.parquet"
-    inside = file.parent == directory / folder and file.resolve().is_relative_to(directory.resolve())
-    return file if inside and file.is_file() else None
+    inside = file.parent == directory / folder and is_inside(file, os.path.realpath(directory))
+    return file if inside and is_file(file) else None
 
 
 def read_paths(directory: Path, table: RunTable, configuration: int, grid: FailureGrid) -> Paths | None:
@@ -196,8 +199,8 @@ class Reading(threading.Thread):
         """Read the map, and then recording after recording."""
         try:
             self.floor = floor_of(self._directory, self._environment)
-        except (OSError, ValueError) as error:
-            self.problem = " ".join(str(error).split())
+        except DAMAGE as error:
+            self.problem = " ".join(str(error).split()) or type(error).__name__
             return
         parts: list[Paths] = []
         shown_s = time.monotonic()
@@ -205,7 +208,7 @@ class Reading(threading.Thread):
             try:
                 found = read_paths(self._directory, self._table, k, self.floor.grid)
                 parts += [] if found is None else [found]
-            except (OSError, ValueError, LookupError, TypeError, ArithmeticError):
+            except DAMAGE:
                 self.damaged += 1
             if parts and (time.monotonic() > shown_s + _SHOWN_S or done == len(self.configurations)):
                 self.paths = joined([*([self.paths] if self.paths else []), *parts])

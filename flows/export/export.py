@@ -22,7 +22,7 @@ from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.model.files import yaml_value
+from vastflow.sim.model.files import files_below, open_file, yaml_value
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.pose import pose_of
 from vastflow.sim.model.recording import run_log_of
@@ -55,9 +55,8 @@ class ExportSource:
     def shared_files(self) -> Iterator[tuple[str, Path]]:
         """Yield inputs and maps: the path below the campaign file, and the path of the copy."""
         for folder in (self._files.inputs, self._directory / "environments"):
-            for path in sorted(folder.rglob("*")):
-                if path.is_file():
-                    yield self._place(path), path
+            for path in files_below(folder):
+                yield self._place(path), path
         yield "campaign.vast", self._directory / "campaign.vast"
 
     def scenario_of(self, row: Mapping[str, Any]) -> str:
@@ -86,7 +85,7 @@ class ExportSource:
         scenario = self.scenario_of(row)
         with reading(self._directory):
             file = self._directory / "recordings" / f"{name}.parquet"
-            block = read_block(file.read_bytes()) if file.is_file() else ()
+            block = read_block(file) if file.is_file() else ()
             recorded = {run["run_index"]: columns for run, columns in block}
             behaviors = behaviors_of(self._directory, name)
             indices = behaviors.pop("run_index", None)
@@ -118,20 +117,20 @@ class ExportSource:
         file = self._directory / "outputs" / f"{row['name']}.zip"
         if not file.is_file():
             return
-        with reading(self._directory), zipfile.ZipFile(file) as archive:
+        with reading(self._directory), open_file(file) as content, zipfile.ZipFile(content) as archive:
             entries = dict.fromkeys(archive.namelist())
             for entry in entries:
                 run_index, kind, name = entry.split("/", 2)
-                content = archive.read(entry)
+                written = archive.read(entry)
                 if kind == "tables":
                     own = name.removesuffix(".parquet")
                     as_csv = own if own.endswith(".csv") else f"{own}.csv"
                     taken = f"{run_index}/files/{as_csv}" in entries
                     if not own.endswith(".parquet") and not taken:
-                        name, content = as_csv, table_csv(table_of(content, entry))
+                        name, written = as_csv, table_csv(table_of(written, entry))
                     else:
                         name = f"{own.removesuffix('.parquet')}.parquet"
-                yield int(run_index), name, content
+                yield int(run_index), name, written
 
     def _with_paths(self, value: Any, shared: str) -> Any:
         """`value` with `{"file": digest}` as the path of that file; left alone where it is not kept."""

@@ -20,7 +20,7 @@ from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.floorplan.files import PlanFile, VariationFile
 from vastflow.sim.model.digest import FileContent, digest
 from vastflow.sim.model.faults import FileError
-from vastflow.sim.model.files import read_text, yaml_value
+from vastflow.sim.model.files import files_below, read_bytes, read_text, yaml_value
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot
@@ -87,7 +87,7 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
         if (snapshot := snapshot_behind(type(plug_in))) is not None:
             kept.keep_snapshot(snapshot)
     maps = {key: load_map(file) for key, file in map_files.items()}
-    return Inputs(campaign.path.read_bytes(), kept.files, maps, kept.places)
+    return Inputs(read_bytes(campaign.path), kept.files, maps, kept.places)
 
 
 @dataclass
@@ -100,7 +100,7 @@ class _Kept:
 
     def keep(self, *together: Path, at: Sequence[Path] | None = None) -> None:
         """Keep files by their places below `base` or `at`; others in a folder named by content."""
-        contents = [path.read_bytes() for path in together]
+        contents = [read_bytes(path) for path in together]
         elsewhere, home = digest([content.hex() for content in contents])[:12], self.base.resolve()
         for path, content in zip(at or together, contents, strict=True):
             inside = path.resolve().is_relative_to(home)
@@ -170,7 +170,7 @@ def replica(directory: Path, asked: Asked) -> Iterator[Replica]:
             laid_out = _laid_out(directory, asked, Path(folder))
         except (OSError, ValueError) as error:
             raise UnusableDirectory(f"{directory}: its inputs can't be read: {error}") from None
-        kept = {path.read_bytes() for path in (directory / "inputs").rglob("*") if path.is_file()}
+        kept = {read_bytes(path) for path in files_below(directory / "inputs")}
         try:
             found = inputs_of(*read_campaign(laid_out.file, laid_out.map_dir, as_v1=asked.as_v1))
         except FileError as error:
@@ -191,12 +191,12 @@ def _laid_out(directory: Path, asked: Asked, folder: Path) -> Replica:
     base = root.joinpath(*["campaign"] * above)
     base.mkdir(parents=True)
     inputs, outside = directory / "inputs", set(asked.places.values())
-    for path in sorted(inputs.rglob("*")):
+    for path in files_below(inputs):
         name = path.relative_to(inputs).as_posix()
-        if path.is_file() and name not in outside:
+        if name not in outside:
             _copy(path, base / name)
     for place, name in asked.places.items():
-        if (inputs / name).is_file():
+        if (inputs / name) in files_below(inputs):
             target = os.path.relpath(os.path.normpath(base / place), folder)
             _copy(inside(inputs, name), inside(folder, target))
     file = inside(base, asked.file)

@@ -6,14 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-import pyarrow.parquet as pq
-
 from vastflow.oracles.evidence.findings import found_text
 from vastflow.oracles.figures.charts import archive_figure, boundary_figure, progress_figure
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.pictures import case_picture, picture
 from vastflow.oracles.page.section import Picture, Section
 from vastflow.oracles.page.words import number
+from vastflow.oracles.results.schema import table_rows
 
 CELLS_DRAWN: Final = 4
 """Cells of an archive whose runs are drawn, the best ones."""
@@ -51,8 +50,8 @@ def _domain(dimension: Mapping[str, Any]) -> str:
 
 
 def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
-    rows = pq.read_table(directory / "evaluations.parquet").to_pylist()
-    beside = pq.read_table(directory / "baseline.parquet").to_pylist() if "baseline" in said else []
+    rows = table_rows(directory / "evaluations.parquet")
+    beside = table_rows(directory / "baseline.parquet") if "baseline" in said else []
     name = said["objective"].replace("_", " ")
     if said["best"] is not None:
         alt = f"{name} of each point over the runs spent"
@@ -63,7 +62,7 @@ def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
     archive = said["parameters"].get("archive", {})
     measures = archive.get("measures", {})
     if archive.get("type", "grid") == "grid" and len(measures) == 2:
-        cells = pq.read_table(directory / "archive.parquet").to_pylist()
+        cells = table_rows(directory / "archive.parquet")
         bins = archive.get("bins") or 10
         ranges = {key: (each["low"], each["high"], each.get("bins") or bins) for key, each in measures.items()}
         places = {tuple(json.loads(row["cell"])): row["objective"] for row in cells}
@@ -73,7 +72,7 @@ def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
         yield picture("search-archive", "Archive", alt, caption, figure, drawn=True)
     if (directory / "boundary.parquet").is_file() and len(said["space"]) <= 2:
         level = said["parameters"].get("level", 0.5)
-        surface = pq.read_table(directory / "boundary.parquet").to_pylist()
+        surface = table_rows(directory / "boundary.parquet")
         decoded = [{**row, "point": json.loads(row["point"])} for row in surface]
         figure = boundary_figure(decoded, list(said["space"]), level, name)
         caption = f"Line: where {name} is expected to cross {level:g}. Band: 95 %."
@@ -84,7 +83,7 @@ def _cell_pictures(facts: Facts, said: Mapping[str, Any]) -> Iterator[Picture]:
     """The runs of the best points of the archive, each on its map."""
     tables = facts.tables
     file = tables.directory / "archive.parquet"
-    cells = pq.read_table(file).to_pylist() if file.is_file() else []
+    cells = table_rows(file) if file.is_file() else []
     sign = 1 if said["direction"] == "minimize" else -1
     known = {name: k for k, name in enumerate(tables.configurations.names)}
     name = said["objective"].replace("_", " ")

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, get_args
 
 from vastflow.oracles.results.unfinished import final_of, is_running, place_of
+from vastflow.oracles.results.unusable import DAMAGE
+from vastflow.sim.model.files import json_value, open_file
 
 EVENTS: Final = "events.jsonl"
 
@@ -20,6 +22,8 @@ LAST: Final = ("stopped", "ended")
 """Events of which one is the last of a campaign."""
 
 _POLL_S: Final = 0.5
+_MOST_BYTES: Final = 64 * 2**20
+"""Maximum size of what one call reads, and of a line."""
 _LOOKS: Final = 2
 """Looks in a row that find no process, before it counts as gone: a folder may be renamed during one."""
 
@@ -47,9 +51,9 @@ class Event:
 def event_of(line: bytes) -> Event | None:
     """Return the event of a line; None if it is none."""
     try:
-        row = json.loads(line)
+        row = json_value(line)
         return Event(datetime.fromisoformat(row.pop("at")), str(row.pop("event")), row)
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except DAMAGE:
         return None
 
 
@@ -79,21 +83,26 @@ class EventReader:
         """Return the events since the last call; a half-written line comes with a later call.
 
         Raises:
-            OSError: the file can't be read.
+            OSError, Unreadable: the file can't be read.
         """
         place = place_of(self.directory)
-        self._looks = 0 if place is not None and is_running(place) else self._looks + 1
-        if place is None:
-            return []
+        looks, self._looks = self._looks + 1, 0
+        content = b""
+        is_gone = place is None or not is_running(place)
         try:
             # After the look at the process, which may have written its last line since.
-            with open(place / EVENTS, "rb") as file:
-                file.seek(self._read)
-                content = file.read()
+            if place is not None:
+                with open_file(place / EVENTS, "the events of a campaign") as file:
+                    file.seek(self._read)
+                    content = file.read(_MOST_BYTES)
         except FileNotFoundError:  # not begun, or renamed between two looks
-            return []
+            pass
+        finally:
+            self._looks = looks if is_gone and len(content) < _MOST_BYTES else 0
         self._read += len(content)
         *lines, self._half = (self._half + content).split(b"\n")
+        if len(self._half) > _MOST_BYTES:
+            lines, self._half = [*lines, self._half], b""
         told = [event_of(line) for line in lines if line]
         self.damaged += told.count(None)
         return [event for event in told if event is not None]
@@ -105,7 +114,7 @@ def follow(directory: str | Path, poll_s: float = _POLL_S) -> Iterator[Event]:
     A campaign whose process is gone ends with an event `stopped` that is not in the file; a whole directory without events has none.
 
     Raises:
-        OSError: the file can't be read.
+        OSError, Unreadable: the file can't be read.
     """
     reader = EventReader(directory)
     while not reader.gone:

@@ -10,16 +10,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-import pyarrow.parquet as pq
-
 from vastflow.oracles.judgement.notebook import RunTables, run_tables
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import trace_of
-from vastflow.oracles.results.schema import behaviors_of, table_rows
+from vastflow.oracles.results.schema import behaviors_of, rows_of, table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.blocks import read_block, read_recordings
 from vastflow.sim.model.digest import FileContent, file_digest
-from vastflow.sim.model.files import read_json
+from vastflow.sim.model.files import files_below, read_json
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.scenario import Scenario, setup_of
@@ -59,13 +57,15 @@ class KeptFiles:
 
     @cached_property
     def _found(self) -> Mapping[str, Path]:
-        files = [
-            file for folder in (self.inputs, self._environments) for file in sorted(folder.rglob("*")) if file.is_file()
-        ]
+        files = [file for folder in (self.inputs, self._environments) for file in files_below(folder)]
         named = self._environments / NAMED_FILES
         places = read_json(named) if named.is_file() else {}
         return {
-            **{digest: self._environments / place for digest, place in places.items()},
+            **{
+                digest: self._environments / place
+                for digest, place in places.items()
+                if self._environments / place in files
+            },
             **{digest: file for file in files for digest in _digests(file)},
         }
 
@@ -73,7 +73,7 @@ class KeptFiles:
 def configuration_row(directory: Path, configuration: str) -> Mapping[str, Any]:
     """Return a row of `configurations.parquet`; raises `UnusableDirectory` if there is none of this name."""
     file = directory / "configurations.parquet"
-    found: list[Mapping[str, Any]] = pq.read_table(file, filters=[("name", "==", configuration)]).to_pylist()
+    found: list[Mapping[str, Any]] = rows_of(file, "name", configuration).to_pylist()
     if not found:
         names = [row["name"] for row in table_rows(file, "name")]
         hint = did_you_mean(configuration, names, "it has none", listed="it has")

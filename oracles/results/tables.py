@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.results.schema import METRICS, codes, floats, integers, read_columns, table_rows, text_batches
 from vastflow.oracles.results.units import Units, units_of
-from vastflow.sim.model.files import read_json, read_text
+from vastflow.sim.model.files import json_value, read_json, read_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,6 +30,9 @@ PASS, FAIL, NOT_JUDGED = CODES.values()
 _RUNS: Final = 1 << 31
 _PARSED_ROWS: Final = 1 << 16
 """Number of verdicts whose metrics are parsed at once: their texts take ten times the memory of the columns."""
+
+_MOST_UNCHECKED: Final = 4096
+"""Length of metrics that can't be deep enough to end the process: pyarrow's parser recurses."""
 
 
 def run_keys(configuration: NDArray[np.int64], run_index: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -104,6 +107,8 @@ class ConfigurationTable:
 
     def _decoded(self, column: str) -> list[Mapping[str, Any]]:
         found: list[Mapping[str, Any]] = json.loads(f"[{','.join(self.table[column].to_pylist())}]")
+        if len(found) != len(self) or not all(isinstance(each, dict) for each in found):
+            raise ValueError(f"configurations.parquet: {column}: expected a JSON object in each row, got another text")
         return found
 
 
@@ -217,11 +222,16 @@ class VerdictTable:
     def _read_metrics(self, lines: list[str], runs: NDArray[np.int32], found: dict[str, MetricColumn]) -> None:
         if all(line == "{}" for line in lines):  # of which pyarrow makes no rows
             return
+        for line in lines:
+            if len(line) > _MOST_UNCHECKED:
+                json_value(line)
         content = "\n".join(lines).encode()
         options = pyarrow.json.ReadOptions(use_threads=False, block_size=len(content) + 1)
         columns = pyarrow.json.read_json(io.BytesIO(content), read_options=options)
         for name in columns.column_names:
             column = columns[name].combine_chunks()
+            if not pa.types.is_struct(column.type):
+                raise ValueError(f"verdicts.parquet: metric {name!r}: expected a value with a unit, got {column.type}")
             before = found.get(name) or MetricColumn("", np.full(len(self), np.nan))
             before.values[runs] = floats(pc.struct_field(column, "value"))
             units = pc.unique(pc.drop_null(pc.struct_field(column, "unit"))).to_pylist()

@@ -11,6 +11,7 @@ from typing import Final
 
 import psutil
 
+from vastflow.oracles.results.unusable import DAMAGE
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import read_json
 
@@ -64,7 +65,7 @@ def writer_of(place: Path) -> int | None:
         named = read_json(place / WRITER)
         alive = named["host"] == platform.node() and _began_s(named["pid"]) == named["began_s"]
         return int(named["pid"]) if alive else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except DAMAGE:
         return None
 
 
@@ -74,7 +75,7 @@ def is_running(place: Path) -> bool:
         if read_json(place / WRITER)["host"] == platform.node():
             return writer_of(place) is not None
         return time.time() - place.stat().st_mtime < _QUIET_S
-    except (OSError, ValueError, KeyError, TypeError):
+    except DAMAGE:
         return False
 
 
@@ -106,7 +107,7 @@ def stop_reason(place: Path) -> str | None:
         return str(read_json(place / STOP)["reason"]) or "no reason given"
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, KeyError, TypeError):
+    except DAMAGE:
         return "no reason given"
 
 

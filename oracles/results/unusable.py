@@ -10,7 +10,9 @@ from vastflow.sim.model.faults import UserError
 
 _MOST_CHARACTERS: Final = 500
 _FOUND_WRONG: Final = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, NotImplementedError)
-_DAMAGE: Final = (OSError, zipfile.BadZipFile, *_FOUND_WRONG)
+_TOO_MUCH: Final = (RecursionError, MemoryError)
+DAMAGE: Final = (OSError, zipfile.BadZipFile, *_FOUND_WRONG, *_TOO_MUCH)
+"""What damaged content raises in a program that expects what was written."""
 
 
 class UnusableDirectory(UserError, ValueError):
@@ -30,7 +32,7 @@ def reading(directory: Path | str) -> Iterator[None]:
         yield
     except (UserError, BrokenPipeError):  # of whom the output is for
         raise
-    except _DAMAGE as error:
+    except DAMAGE as error:
         # The words of a KeyError are the key alone.
         words = (
             f"has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split()) or type(error).__name__

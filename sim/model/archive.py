@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vastflow.sim.model.blocks import RUN_INDEX, array_of
+from vastflow.sim.model.parquet import open_table
 from vastflow.sim.model.recording import Columns, Outputs
 
 MAX_UNPACKED_BYTES: Final = 512 * 2**20
@@ -60,7 +61,7 @@ def read_outputs(content: bytes) -> dict[int, Outputs]:
             run_index = int(number)
             if kind == "tables":
                 tables.setdefault(run_index, {})[name.removesuffix(".parquet")] = columns_of(
-                    pq.read_table(io.BytesIO(archive.read(entry)))
+                    open_table(archive.read(entry)).read()
                 )
             else:
                 files.setdefault(run_index, {})[name] = archive.read(entry)
@@ -151,7 +152,7 @@ def read_foreign_table(name: str, content: bytes) -> tuple[Columns, tuple[str, .
 
 
 def _parquet(content: bytes) -> Any:
-    file = pq.ParquetFile(io.BytesIO(content))
+    file = open_table(content)
     groups = range(file.metadata.num_row_groups)
     unpacked = sum(file.metadata.row_group(i).total_byte_size for i in groups)
     if unpacked > MAX_UNPACKED_BYTES:

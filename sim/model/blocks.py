@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from vastflow.sim.model.parquet import open_table
 from vastflow.sim.model.recording import Recording, run_of, run_row
 
 Columns = Mapping[str, NDArray[np.int32]]
@@ -64,7 +65,7 @@ def write_block(rows: Sequence[Mapping[str, Any]], columns: Sequence[Columns]) -
 
 def read_block(block: Block) -> list[tuple[dict[str, Any], dict[str, NDArray[np.int32]]]]:
     """Read a block: each run's row and columns, in order."""
-    file = _opened(block)
+    file = open_table(block)
     rows = _unpacked(file.metadata.metadata[_ROWS_KEY])
     index, values = _columns(file, file.schema_arrow.names[1:])
     starts, ends = (np.searchsorted(index, [row[RUN_INDEX] for row in rows], side=side) for side in ("left", "right"))
@@ -76,12 +77,12 @@ def read_block(block: Block) -> list[tuple[dict[str, Any], dict[str, NDArray[np.
 
 def read_rows(block: Block) -> list[dict[str, Any]]:
     """Read the rows of a block's runs without a column."""
-    return _unpacked(_opened(block).metadata.metadata[_ROWS_KEY])
+    return _unpacked(open_table(block).metadata.metadata[_ROWS_KEY])
 
 
 def read_columns(block: Block, names: Iterable[str]) -> tuple[NDArray[np.int32], dict[str, NDArray[np.int32]]]:
     """Read some columns over all runs: run index (N,), and name to (N,); raises `KeyError` for an unknown name."""
-    file = _opened(block)
+    file = open_table(block)
     there = {_parted(stored)[0]: stored for stored in file.schema_arrow.names}
     return _columns(file, [there[name] for name in names])
 
@@ -94,11 +95,6 @@ def write_recordings(recordings: Sequence[Recording]) -> bytes:
 def read_recordings(block: Block) -> list[Recording]:
     """Read the recordings of a block."""
     return [Recording(run_of(row), columns) for row, columns in read_block(block)]
-
-
-def _opened(block: Block) -> Any:
-    # pq.read_table would import 0.1 s more.
-    return pq.ParquetFile(io.BytesIO(block) if isinstance(block, bytes) else block)
 
 
 def array_of(column: Any) -> NDArray[Any]:

@@ -5,11 +5,16 @@ Equal content has an equal digest on every machine and Python version; a file en
 
 import hashlib
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from json.encoder import encode_basestring_ascii
 from pathlib import Path
-from typing import TypeAlias
+from typing import Final, TypeAlias
+
+from vastflow.sim.model.files import Unreadable, open_file
+
+MOST_FILE_BYTES: Final = 4 * 2**30
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +95,14 @@ def text_digest(canonical_text: str) -> str:
 
 
 def file_digest(path: str | Path) -> str:
-    """SHA-256 (hex) of a file's bytes."""
-    with open(path, "rb") as file:
+    """SHA-256 (hex) of a file's bytes.
+
+    Raises:
+        Missing, Unreadable: see `open_file`; or larger than any file of a campaign.
+    """
+    with open_file(path) as file:
+        if (found := os.fstat(file.fileno()).st_size) > MOST_FILE_BYTES:
+            raise Unreadable(f"got {found:,} bytes", f"at most {MOST_FILE_BYTES:,}")
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -70,28 +70,46 @@ class Missing(Unreadable, FileNotFoundError):
     """The file does not exist."""
 
 
-def read_bytes(path: str | Path, kind: str = "a file", most_bytes: int = MOST_BYTES) -> bytes:
-    """Return the content of a regular file that should be `kind`.
+def open_file(path: str | Path, kind: str = "a file") -> io.BufferedReader:
+    """Open a regular file that should be `kind`, without ever waiting for it: the only way to open what others write.
 
     Raises:
         Missing: there is none.
-        Unreadable: no permission, not a regular file (a pipe or a device may never end), or too large.
+        Unreadable: no permission, or not a regular file (a pipe or a device may never end).
     """
+    descriptor = None
     try:
-        status = os.stat(path)
-        if not stat.S_ISREG(status.st_mode):
-            found = next((name for is_kind, name in _KINDS if is_kind(status.st_mode)), "no regular file")
-            raise Unreadable(f"can't be read: it is {found}", kind)
-        _check_limit(status.st_size, most_bytes)
-        # Without waiting: the path may be a pipe without a writer by now.
-        with os.fdopen(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb") as file:
-            content = file.read(most_bytes + 1)
-    except Unreadable:
-        raise
+        _check_regular(os.stat(path), kind)  # opening some devices has effects
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        _check_regular(os.fstat(descriptor), kind)  # the path may be a pipe by now
+        file = os.fdopen(descriptor, "rb")
+        descriptor = None
+        return file
     except FileNotFoundError:
         raise Missing("no such file", f"the path of {kind}") from None
+    except Unreadable:
+        raise
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         raise Unreadable(f"can't be read: {getattr(error, 'strerror', None) or error}", kind) from None
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _check_regular(status: os.stat_result, kind: str) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        found = next((name for is_kind, name in _KINDS if is_kind(status.st_mode)), "no regular file")
+        raise Unreadable(f"can't be read: it is {found}", kind)
+
+
+def read_bytes(path: str | Path, kind: str = "a file", most_bytes: int = MOST_BYTES) -> bytes:
+    """Return the content of a regular file that should be `kind`; raises as `open_file` does, or where it is too large."""
+    with open_file(path, kind) as file:
+        _check_limit(os.fstat(file.fileno()).st_size, most_bytes)
+        try:
+            content = file.read(most_bytes + 1) or b""  # None of a kernel's file that has nothing yet
+        except OSError as error:
+            raise Unreadable(f"can't be read: {error.strerror}", kind) from None
     _check_limit(len(content), most_bytes)
     return content
 
@@ -102,6 +120,17 @@ def is_file(path: str | Path) -> bool:
         return Path(path).is_file()
     except (OSError, ValueError):
         return False
+
+
+def files_below(folder: Path) -> list[Path]:
+    """Return the regular files below a folder in order, without those that a link leads out of it to."""
+    home = os.path.realpath(folder)
+    return [file for file in sorted(folder.rglob("*")) if is_file(file) and is_inside(file, home)]
+
+
+def is_inside(path: str | os.PathLike[str], folder: str | Path) -> bool:
+    """True if a path does not lead out of a folder, given without links; one that leads in a circle does not."""
+    return Path(os.path.realpath(path)).is_relative_to(folder)
 
 
 def _check_limit(found: int, most: int) -> None:

@@ -208,3 +208,28 @@ def test_units_are_what_does_not_repeat(places, codes, noun, others):
 def test_programs_without_map_and_task_share_nothing():
     found = units_of([{"environment": {}, "task": {}, "system": {"a": 1}}] * 3)
     assert (len(set(found.codes.tolist())), found.noun, found.others) == (3, "situation", "situations")
+
+
+DEEP = '{"a":' * 20_000 + "1" + "}" * 20_000
+
+
+@each_row(
+    ("text", "message"),
+    [
+        (DEEP, "more than 100 levels deep"),
+        ('{"time": 1}', "metric 'time': expected a value with a unit, got int64"),
+        ('{"time": [{"value": 1.0}]}', "metric 'time': expected a value with a unit, got list"),
+    ],
+)
+def test_metrics_of_another_form_are_refused(text, message):
+    """Deep ones ended the process, as pyarrow's parser recurses."""
+    row = {"configuration": "a", "family": "a", "run_index": 0, "oracle": "o", "judgement": "pass", "metrics": text}
+    with pytest.raises(ValueError, match=message):
+        VerdictTable(pa.Table.from_pylist([row], schema.VERDICTS), ["a"]).metrics("o")
+
+
+def test_column_of_json_has_an_object_in_each_row():
+    rows = [{"name": "a", "factors": '{"x": 1}, {"x": 2}'}, {"name": "b", "factors": "[]"}]
+    for some in (rows[:1], rows[1:], [{**rows[0], "factors": "[" * 20_000}]):
+        with pytest.raises((ValueError, RecursionError), match=r"expected a JSON object in each row|recursion"):
+            _ = ConfigurationTable(pa.Table.from_pylist(some, schema.CONFIGURATIONS)).factors

@@ -7,13 +7,28 @@ import socket
 import struct
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 from table import each_row
 
-from vastflow.sim.model.files import Missing, Unreadable, json_value, read_json, read_picture, read_text, yaml_value
+from vastflow.sim.model import parquet
+from vastflow.sim.model.blocks import read_rows
+from vastflow.sim.model.digest import file_digest
+from vastflow.sim.model.files import (
+    Missing,
+    Unreadable,
+    files_below,
+    json_value,
+    read_json,
+    read_picture,
+    read_text,
+    yaml_value,
+)
+from vastflow.sim.model.parquet import open_table
 from vastflow.sim.scenario.programs.actions import set_yaml_value
 
 
@@ -206,3 +221,31 @@ def test_map_image_of_wrong_format_or_size_is_refused(tmp_path, content, message
 def test_damaged_picture_is_refused(tmp_path, content):
     with pytest.raises(Unreadable, match=r"picture|pixels"):
         read_picture(put(tmp_path, content))
+
+
+@pytest.mark.timeout(30)
+def test_digest_and_table_of_a_pipe_are_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for read in (file_digest, open_table, read_rows):
+        with pytest.raises(Unreadable, match="can't be read: it is a pipe"):
+            read(tmp_path / "pipe")
+
+
+def test_table_of_more_values_than_fit_is_refused(tmp_path, monkeypatch):
+    pq.write_table(pa.table({"a": [0] * 1000, "b": [0] * 1000}), tmp_path / "file")
+    assert open_table(tmp_path / "file").metadata.num_rows == 1000
+    monkeypatch.setattr(parquet, "MOST_CELLS", 1999)
+    for source in (tmp_path / "file", (tmp_path / "file").read_bytes()):
+        with pytest.raises(Unreadable, match="expected at most 1,999, got 2,000 values"):
+            open_table(source)
+
+
+def test_files_below_a_folder_are_those_that_no_link_leads_out_to(tmp_path):
+    (tmp_path / "in").mkdir()
+    put(tmp_path, b"secret", "out")
+    for name in ("a", "b"):
+        put(tmp_path / "in", b"", name)
+    for link, target in (("own", "a"), ("led", "../out"), ("loop", "loop"), ("none", "nowhere"), ("dev", "/dev/zero")):
+        (tmp_path / "in" / link).symlink_to(target)
+    os.mkfifo(tmp_path / "in" / "pipe")
+    assert [file.name for file in files_below(tmp_path / "in")] == ["a", "b", "own"]
