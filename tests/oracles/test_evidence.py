@@ -1,6 +1,7 @@
 """Rates, findings, criteria that separate nothing, and varying values of configurations."""
 
 import json
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from vastflow.oracles.evidence.causes import criteria_json, criteria_of
 from vastflow.oracles.evidence.findings import found_text
 from vastflow.oracles.evidence.varied import chosen_rows, matched_sets, named, path_property_rows, varied_rows
 from vastflow.oracles.figures.charts import threshold_figure
+from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.words import criterion_text
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import read_tables
@@ -362,3 +364,22 @@ def test_path_property_confounded_with_factor_has_no_effect():
     (found,) = factor_analysis(factors, passed, np.full(30, 20), path_properties=seen).path_properties
     assert (found.others.p_value, found.others.note) == (None, "cannot be told from other factors")
     assert not found.matters
+
+
+def test_report_names_metric_that_differs_where_no_failure_does(synthetic_campaign, room, build):
+    for k, controller in product(range(7), ("dwb", "mppi")):
+        task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 1.0 + 0.1 * k}}
+        way = np.linspace((1.0, 2.0), (5.0, 2.0), 40 if controller == "dwb" else 80 + k)
+        runs = [build.a_recording(way, run_index=i) for i in range(3)]
+        given = {"controller": controller}
+        synthetic_campaign.add(f"{controller}-{k}", "f", room, task, recordings=runs, factors=given, system=given)
+    directory = synthetic_campaign.write()
+    write_report(directory)
+    page = (directory / "report.html").read_text()
+    assert "1 factor varied, and none is shown to matter for the failure rate." in page
+    assert "controller matters for the time on these 7 paths: mppi 8" in page
+    assert "mppi is above dwb in 7 of 7 situations" in page
+    (design,) = json.loads((directory / "evidence.json").read_text())["factors"]
+    assert [(each["name"], each["metric"], each["these"]["shown"]) for each in design["metrics"]] == [
+        ("controller", "time", True)
+    ]

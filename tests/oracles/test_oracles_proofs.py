@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import planted_truths
 import pytest
+import truth_factors
 
 pytestmark = pytest.mark.slow
 
@@ -20,6 +21,13 @@ def test_planted_truths_are_found(part, campaigns):
     findings = list(getattr(planted_truths, part)(campaigns, np.random.default_rng(12)))
     assert findings
     assert [str(finding) for finding in findings if not finding.good] == []
+
+
+@pytest.mark.parametrize("part", ["units", "trends", "metrics"])
+def test_sentences_on_factors_survive_a_recount(part):
+    found = list(truth_factors.figures([part], 30, seed=412))
+    assert {figure.kind for figure in found} >= {"false"}
+    assert [str(figure) for figure in found if not figure.good] == []
 
 
 REPORT = """
