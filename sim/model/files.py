@@ -71,7 +71,7 @@ class Missing(Unreadable, FileNotFoundError):
 
 
 def open_file(path: str | Path, kind: str = "a file") -> io.BufferedReader:
-    """Open a regular file that should be `kind`, without ever waiting for it: the only way to open what others write.
+    """Open a regular file that should be `kind`, without waiting; whatever others write is opened by this alone.
 
     Raises:
         Missing: there is none.
@@ -103,7 +103,7 @@ def _check_regular(status: os.stat_result, kind: str) -> None:
 
 
 def read_bytes(path: str | Path, kind: str = "a file", most_bytes: int = MOST_BYTES) -> bytes:
-    """Return the content of a regular file that should be `kind`; raises as `open_file` does, or where it is too large."""
+    """Return the content of a regular file that should be `kind`; raises as `open_file`, or if too large."""
     with open_file(path, kind) as file:
         _check_limit(os.fstat(file.fileno()).st_size, most_bytes)
         try:
@@ -129,7 +129,7 @@ def files_below(folder: Path) -> list[Path]:
 
 
 def is_inside(path: str | os.PathLike[str], folder: str | Path) -> bool:
-    """True if a path does not lead out of a folder, given without links; one that leads in a circle does not."""
+    """True if a path leads to a place in a folder, which is given without links."""
     return Path(os.path.realpath(path)).is_relative_to(folder)
 
 

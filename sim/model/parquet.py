@@ -15,7 +15,9 @@ MOST_UNPACKED_BYTES: Final = 4 * 2**30
 
 
 def open_table(source: Path | bytes, read_dictionary: Sequence[str] = ()) -> Any:
-    """Open a Parquet file, or its content, as `pyarrow.parquet.ParquetFile`; `pyarrow.parquet.read_table` would import 0.1 s more.
+    """Open a Parquet file, or its content, as `pyarrow.parquet.ParquetFile`.
+
+    `pyarrow.parquet.read_table` would import 0.1 s more.
 
     Raises:
         Missing, Unreadable: see `vastflow.sim.model.files.open_file`; or too many values.
@@ -28,14 +30,14 @@ def open_table(source: Path | bytes, read_dictionary: Sequence[str] = ()) -> Any
 
 
 def rows_with(source: Path, column: str, value: str) -> Any:
-    """Read the rows with a value in a column, from the row groups alone whose statistics admit it; raises as `open_table` does."""
+    """Read the rows with a value in a column, from row groups that may have it; raises as `open_table`."""
     with open_file(source, "a Parquet file") as file:
         _within_limits(pq.ParquetFile(_place(file)))
         return pq.read_table(_place(file), filters=[(column, "==", value)])
 
 
 def _place(file: BinaryIO) -> str:
-    """Return the path of an open file, whatever has its name by now; pyarrow opens it again, and reads faster than from Python's."""
+    """Return the path of an open file, which pyarrow opens again, as it reads faster than from Python's."""
     return f"/dev/fd/{file.fileno()}"
 
 

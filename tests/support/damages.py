@@ -106,7 +106,7 @@ ROWS: Final[Mapping[str, Callable[[], pa.Array]]] = {
 
 
 def column_changed(file: Path, rng: random.Random) -> None:
-    """Change a column of a table in some rows or all, or leave it out, double it, or name it otherwise."""
+    """Change, leave out, double, or rename a column of a table, or change its rows."""
     table = pq.ParquetFile(file).read()
     k = rng.randrange(table.num_columns)
     name, column = table.column_names[k], table.column(k)

@@ -1,24 +1,41 @@
-"""Mutants of every kind of file that users write, changed in parts or an attack as a whole."""
+"""Mutants of every kind of file and directory that users hand in, and their readers."""
 
 import copy
+import hashlib
 import json
+import os
+import platform
 import random
 import re
 import shutil
 import struct
+import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, Protocol, TypeAlias
+from unittest.mock import patch
 
+import explored
 import numpy as np
+import pyarrow.parquet as pq
 import yaml
+from damages import EVENTS, KINDS, TEXTS, column_changed, of_another_kind, with_values
+from explored import addresses_of, explorer_of, write_explored
 from PIL import Image
+from synthetic import walled_room, write_map
+from typer.testing import CliRunner
 from whole_directory import ConfigurationResult, write_results
 
+from vastflow.deployments.explorer.directories import Directories
+from vastflow.deployments.explorer.run_page import KeptLayers
+from vastflow.flows.cli.__main__ import app
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.oracles.judgement.verdict import Metric, Verdict
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.store import open_store
 
 Mutator: TypeAlias = Callable[[bytes, random.Random], bytes]
 Command: TypeAlias = Callable[[Path, random.Random], Sequence[object]]
@@ -161,9 +178,30 @@ def attack(content: bytes, rng: random.Random) -> bytes:
     return rng.choice(alternatives)
 
 
+class Kind(Protocol):
+    """A kind of what users hand in, and its readers."""
+
+    def answer(self, rng: random.Random) -> str:
+        """Make a mutant and read it: `accepted`, `refused`, or what else came of it."""
+
+
+def answer_of(command: Sequence[object], *named: str) -> str:
+    """Return the outcome of a command; a refusal has to name one of the places."""
+    result = CliRunner().invoke(app, [str(each) for each in command])
+    said = " ".join(result.stderr.split())
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        lines = [line.strip() for line in traceback.format_exception(result.exception)[-3:]]
+        return f"{command[0]}: {' | '.join(lines)[-600:]}"
+    if result.exit_code not in (0, 1, 2) or "Traceback" in said:
+        return f"{command[0]}: exit code {result.exit_code}: {said[-300:]}"
+    if result.exit_code == 2 and not any(each in said for each in named):
+        return f"{command[0]}: the refusal names none of {', '.join(named)}: {said[:300]}"
+    return "refused" if result.exit_code else "accepted"
+
+
 @dataclass(frozen=True)
-class Kind:
-    """A kind of file.
+class FileKind:
+    """A kind of file that a command reads.
 
     Attributes:
         seeds: Files below the folder that mutants are made in.
@@ -174,23 +212,196 @@ class Kind:
     mutators: Sequence[Mutator]
     command: Command
 
-    def mutant(self, rng: random.Random) -> Path:
-        """Write a mutant where its seed's neighbors are; of a campaign directory the whole is copied."""
+    def answer(self, rng: random.Random) -> str:
+        """Write a mutant where its seed's neighbors are, and read it by the command."""
         seed = rng.choice(self.seeds)
-        mutate = attack if rng.random() < 0.06 else rng.choice(self.mutators)
-        try:
-            content = mutate(seed.read_bytes(), rng)
-        except (RecursionError, MemoryError, ArithmeticError):  # too deep to be written, or too large to be multiplied
-            content = bytes_changed(seed.read_bytes(), rng)
         file = seed.with_name(f"mutant{seed.suffix}")
-        if (seed.parent / "configurations.parquet").exists():
-            file = seed.parents[1] / "mutant" / seed.name
-            for folder in (file.parent, file.parent.with_name("exported")):
-                shutil.rmtree(folder, ignore_errors=True)
-            shutil.copytree(seed.parent, file.parent)
-        file.write_bytes(content[:MOST_BYTES])
-        return file
+        if file.is_dir() and not file.is_symlink():
+            file.rmdir()
+        file.unlink(missing_ok=True)
+        if rng.random() < 0.02:
+            of_another_kind(file, rng.choice(KINDS))
+        else:
+            file.write_bytes(_mutated(seed.read_bytes(), self.mutators, rng))
+        return answer_of(self.command(file, rng), file.name)
 
+
+def _mutated(content: bytes, mutators: Sequence[Mutator], rng: random.Random) -> bytes:
+    mutate = attack if rng.random() < 0.06 else rng.choice(mutators)
+    try:
+        return mutate(content, rng)[:MOST_BYTES]
+    except (RecursionError, MemoryError, ArithmeticError):  # too deep to be written, or too large to be multiplied
+        return bytes_changed(content, rng)[:MOST_BYTES]
+
+
+@dataclass(frozen=True)
+class DirectoryKind:
+    """Campaign directories, damaged in one place or some, which commands or an explorer read.
+
+    Attributes:
+        seed: A whole directory.
+        readers: Return the outcome of reading a damaged copy.
+    """
+
+    seed: Path
+    place: Path
+    readers: Sequence[Callable[[Path], str]]
+
+    def answer(self, rng: random.Random) -> str:
+        """Damage a copy of the seed, and give it to one of the readers."""
+        shutil.rmtree(self.place, ignore_errors=True)
+        self.place.mkdir()
+        path = self.place / self.seed.name
+        shutil.copytree(self.seed, path)
+        self._damage(path, rng)
+        return rng.choice(self.readers)(path)
+
+    def _damage(self, path: Path, rng: random.Random) -> None:
+        files = [file for file in sorted(path.rglob("*")) if file.is_file()]
+        tables = [file for file in files if file.suffix == ".parquet"]
+        for _ in range(rng.choice((1, 1, 1, 2))):
+            what = rng.random()
+            if what < 0.1:
+                of_another_kind(rng.choice([*files, *{file.parent for file in files} - {path}]), rng.choice(KINDS))
+            elif what < 0.55:
+                column_changed(rng.choice(tables), rng)
+            elif what < 0.75:
+                with_values(path / "metadata.json", rng)
+            else:
+                file = rng.choice(files)
+                changes = (bytes_changed, lines_changed, json_tree) if file.suffix == ".json" else (bytes_changed,)
+                file.write_bytes(_mutated(file.read_bytes(), changes, rng))
+            files = [file for file in files if file.is_file() and not file.is_symlink()]
+            tables = [file for file in tables if file in files and is_table(file)]
+            if not tables or path / "metadata.json" not in files or not is_json(path / "metadata.json"):
+                return
+
+
+@dataclass(frozen=True)
+class EventsKind:
+    """Folders of campaigns that run or were stopped, with events of which some are mutants."""
+
+    place: Path
+    reader: Callable[[Path], str]
+
+    def answer(self, rng: random.Random) -> str:
+        """Write a folder of events, and read it."""
+        shutil.rmtree(self.place, ignore_errors=True)
+        path = self.place / f".office-2026-11-21-060000.{rng.choice(('running', 'partial'))}"
+        path.mkdir(parents=True)
+        seed = rng.choice(EVENTS)
+        mutators = bytes_changed, lines_changed, lambda content, rng: content
+        (path / "events.jsonl").write_bytes(_mutated(seed, mutators, rng) if len(seed) < 100_000 else seed)
+        if rng.random() < 0.1:
+            of_another_kind(path / rng.choice(("events.jsonl", ".writer.json", "stop.json")), rng.choice(KINDS))
+        if rng.random() < 0.3 and not os.path.lexists(path / ".writer.json"):
+            (path / ".writer.json").write_text(rng.choice((*TEXTS, json.dumps(rng.choice(WRITERS)))))
+        return self.reader(path)
+
+
+WRITERS: Final = tuple(
+    {"host": platform.node(), "pid": pid, "began_s": 1.0} for pid in (-1, 0, 2**31, 10**400, "1", None, [], 1.5)
+)
+
+
+@dataclass(frozen=True)
+class ManifestKind:
+    """Manifests of a store with a right checksum and any content, and damaged files of artifacts."""
+
+    place: Path
+
+    def answer(self, rng: random.Random) -> str:
+        """Write a store whose artifact is damaged, look it up, and verify the store."""
+        shutil.rmtree(self.place, ignore_errors=True)
+        key = "execute/ab/abcd/0-3"
+        open_store(self.place).put(key, {"a.bin": b"one"}, {"runs": [[0, 12.5]], "places": {"a.bin": "recordings/a"}})
+        (manifest,) = (file for file in self.place.rglob("*") if file.name == "manifest")
+        promise = manifest.read_bytes().partition(b"\n")[2]
+        what = rng.random()
+        if what < 0.1:
+            of_another_kind(rng.choice((manifest, manifest.with_name("a.bin"))), rng.choice(KINDS))
+        else:
+            changed = (
+                rng.choice(TEXTS).encode()
+                if what < 0.3
+                else _mutated(promise, (json_tree, json_tree, bytes_changed), rng)
+            )
+            right = hashlib.sha256(changed).hexdigest().encode() if rng.random() < 0.8 else b"0" * 64
+            manifest.write_bytes(right + b"\n" + changed)
+        try:
+            found = open_store(self.place).find(key)
+            if found is not None:
+                found.info.get("runs")
+        except UserError:
+            pass
+        except Exception as error:  # noqa: BLE001 - which is the violation that is looked for
+            return f"find: {type(error).__name__}: {error}"[:300]
+        return answer_of(("store", "verify", "--store", self.place), str(self.place))
+
+
+def is_table(file: Path) -> bool:
+    """True if a table can be read to be changed again."""
+    try:
+        return pq.ParquetFile(file).read().num_columns > 0
+    except Exception:  # noqa: BLE001 - whatever is wrong with it
+        return False
+
+
+def is_json(file: Path) -> bool:
+    """True if a file's JSON can be read to be changed again."""
+    try:
+        return isinstance(json.loads(file.read_bytes()), dict)
+    except (ValueError, RecursionError):
+        return False
+
+
+@dataclass(frozen=True)
+class Explorer:
+    """Explores a folder of a whole campaign and of a damaged one.
+
+    Attributes:
+        roots: Folders of the whole campaign and of mutants.
+    """
+
+    whole: Path
+    roots: Sequence[Path]
+
+    def read(self, path: Path) -> str:
+        """Ask for the list, all pages of the damaged directory, and those of its neighbor."""
+        with patch.object(KeptLayers, "prepare"):  # which starts a process to execute runs in
+            return self._read(path)
+
+    def _read(self, path: Path) -> str:
+        client = explorer_of(*self.roots)
+        client.get("/", params={"token": explored.TOKEN})
+        listed = {each.path: each for each in Directories(self.roots).all()}
+        whole, codes = listed[self.whole], set()
+        environment = next(iter(os.listdir(self.whole / "environments")))
+        asked = [("/", {})]
+        if path in listed:
+            asked += addresses_of(listed[path].id, whole.id, environment)
+            if listed[path].state != "finished":
+                asked.append(("/api/events", {"c": listed[path].id}))
+        for address, query in [*asked, ("/campaign", {"c": whole.id}), ("/api/summary", {"c": whole.id})]:
+            began_s = time.monotonic()
+            reply = client.get(address, params=query)
+            codes.add(reply.status_code)
+            if reply.status_code >= 500:
+                words = " ".join(re.sub("<[^>]*>", " ", reply.text).split())
+                return f"{address}: {reply.status_code}: {words[-200:]}"
+            if address == "/" and whole.id not in reply.text:
+                return "the list lacks the whole campaign"
+            if (lasted_s := time.monotonic() - began_s) > MOST_S:
+                return f"{address}: {lasted_s:.0f} s"
+        if reply.status_code != 200:
+            return f"the page of the whole campaign: {reply.status_code}"
+        return "refused" if max(codes) >= 400 else "accepted"
+
+
+HERE: Final = object()
+"""Stands for the directory in a command."""
+MOST_S: Final = 30.0
+"""Wall time of a reply on a machine that others use."""
 
 PROBES: Final = {
     "every.vast": """
@@ -241,14 +452,12 @@ def laid_out(folder: Path) -> dict[str, Kind]:
         shutil.copy(ROOT / "tests" / "producers" / f"test_floorplan_example.{suffix}", probes)
     _draw_maps(probes)
     directory = _campaign_directory(probes / "every.vast", folder / "results")
-    tables = [directory / f"{name}.parquet" for name in ("configurations", "verdicts", "runs", "rejections")]
-    recorded = [*tables, *(directory / name for name in ("metadata.json", "coverage.json", "campaign.vast"))]
     pictures = [file for file in sorted(probes.iterdir()) if file.suffix in (".pgm", ".bmp", ".png")]
     family = "configuration: [{name: a, parameters: [%s{start_pose: {x: 1, y: 1, yaw: 0}}, {goal_pose: {x: 2, y: 1, yaw: 0}}]}]\n"
 
     def textual(pattern: str, command: Command, *tree: Mutator) -> Kind:
         seeds = sorted(file for file in folder.rglob(pattern) if "results" not in file.parts)
-        return Kind(seeds, (bytes_changed, lines_changed, tokens_changed(seeds), *tree, *tree), command)
+        return FileKind(seeds, (bytes_changed, lines_changed, tokens_changed(seeds), *tree, *tree), command)
 
     def named_in(campaign: str) -> Command:
         """Validate a campaign file that names the mutant."""
@@ -274,25 +483,44 @@ def laid_out(folder: Path) -> dict[str, Kind]:
         picture = ("render", "--resolution", "0.25", *to) if rng.random() < 0.05 else ("geometry",)
         return "floorplan", *picture, file
 
-    def reading(file: Path, rng: random.Random) -> Sequence[object]:
-        directory = file.parent
-        commands = (
-            *(("show", directory), ("show", "--coverage", directory), ("compare", directory, directory)),
-            *(("export", directory, directory.with_name("exported")), ("plan", directory, "--why")),
-            *(("replay", directory, "rooms-1-1-1", "1"), ("plan", "--since", directory, probes / "every.vast")),
-        )
-        return rng.choice(commands)
+    def reading(*command: object) -> Callable[[Path], str]:
+        def read(path: Path) -> str:
+            shutil.rmtree(folder / "exported", ignore_errors=True)
+            asked = [path if each is HERE else each for each in command]
+            return answer_of(asked, str(path), path.name, "of_mutant")
 
+        return read
+
+    commands = [
+        *(reading("show", HERE), reading("show", "--coverage", HERE), reading("compare", HERE, HERE)),
+        *(reading("export", HERE, folder / "exported"), reading("plan", HERE, "--why")),
+        *(reading("replay", HERE, "rooms-1-1-1", "1"), reading("plan", "--since", HERE, probes / "every.vast")),
+    ]
+    below = folder / "explored"
+    room = write_map(folder / "room", walled_room(6.0, 4.0))
+    whole, seed = (
+        write_explored(below / part, room, day, {"room": [1, 0]}) for part, day in (("whole", 20), ("seed", 21))
+    )
+    mutants = below / "mutants"
+    explorer = Explorer(whole, (below / "whole", mutants))
+    recordings = [
+        *(reading("show", HERE), reading("export", HERE, folder / "exported"), reading("compare", whole, HERE)),
+        *(reading("replay", HERE, "room-1", "0", "--json"), reading("show", "--json", HERE)),
+    ]
     return {
-        "vast": textual("*.vast", lambda file, rng: ("validate", file), yaml_tree),
-        "osc": textual("*.osc", lambda file, rng: ("scenario", rng.choice(("check", "parameters")), file)),
-        "fpm": textual("*.fpm", drawn),
-        "variation": textual("*.variation", drawn),
+        "campaign file": textual("*.vast", lambda file, rng: ("validate", file), yaml_tree),
+        "scenario file": textual("*.osc", lambda file, rng: ("scenario", rng.choice(("check", "parameters")), file)),
+        "floor plan": textual("*.fpm", drawn),
+        "floor plan variation": textual("*.variation", drawn),
         "map": textual("probes/*.yaml", of_map, yaml_tree),
-        "picture": Kind(pictures, (bytes_changed, picture_changed), pictured),
-        "nav2": textual("nav2/*.yaml", lambda file, rng: ("params", file), yaml_tree),
+        "map picture": FileKind(pictures, (bytes_changed, picture_changed), pictured),
+        "Nav2 parameter file": textual("nav2/*.yaml", lambda file, rng: ("params", file), yaml_tree),
         "notebook": textual("*.ipynb", judged, json_tree),
-        "directory": Kind(recorded, (bytes_changed, lines_changed, json_tree, json_tree), reading),
+        "directory": DirectoryKind(directory, folder / "damaged", commands),
+        "recording": DirectoryKind(seed, folder / "recorded", recordings),
+        "explorer directory": DirectoryKind(seed, mutants, [explorer.read]),
+        "explorer events": EventsKind(mutants, explorer.read),
+        "store manifest": ManifestKind(folder / "manifests"),
     }  # fmt: skip
 
 

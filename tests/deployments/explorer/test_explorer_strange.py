@@ -1,4 +1,4 @@
-"""Directories that somebody hands in: one that is damaged in whatever way takes no other away, and no request waits for it."""
+"""Damaged campaign directories in the explorer: they take no other away, and no request waits for them."""
 
 import json
 import os
