@@ -64,6 +64,8 @@ setattr(run_campaign, "__signature__", signature(run_campaign).replace(parameter
 
 
 def _computed(run: PreparedCampaign, computing: Computing, judged: Judged | None, log: EventLog) -> Results:
+    if run.store.unwritable is not None:
+        raise run.store.unwritable
     begin(run, computing, judged)
     results: list[Results] = []
     known = [judged]  # for the flow's first call: another begins with what the store has by then
@@ -72,7 +74,7 @@ def _computed(run: PreparedCampaign, computing: Computing, judged: Judged | None
         from vastflow.flows.campaign import flow_of
 
         known_now = known.pop() if known else None
-        return flow_of(run, computing, known_now, log, results.append)(run.request, return_state=True)
+        return flow_of(run, computing, known_now, log, results.append)(run.request.public(), return_state=True)
 
     computing.run(flow, done=lambda: bool(results))
     return results[-1]

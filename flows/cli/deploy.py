@@ -114,7 +114,7 @@ def deploy(
         "results": asked["results"] or (str(Path.cwd() / "results") if kind is PoolType.process else f"{DATA}/results"),
         "workers": asked["workers"] or cores,
     }
-    request = asked_request(Path(place), {**asked, **here})
+    request = asked_request(Path(place), {**asked, **here}).public()
     deployment = Deployment(
         name=name or title,
         campaign=title,
@@ -179,7 +179,7 @@ def _write_cluster(
     kind = PoolType.kubernetes
     map_dir = None if asked["map_dir"] is None else _place(asked["map_dir"], kind)
     own = {"cluster": SCHEDULER, "results": results or f"{store.rstrip('/')}-results", "map_dir": map_dir, "workers": 1}
-    request = asked_request(Path(_place(file, kind)), {**asked, **own})
+    request = asked_request(Path(_place(file, kind)), {**asked, **own}).public()
     command = ["vastflow", "run", *command_line(request)]
     made = cluster_files(description, command, asked["workers"] or WORKERS, image, queue, operator=operator)
     folder.mkdir(parents=True, exist_ok=True)
@@ -233,7 +233,8 @@ def _print(deployment: "Deployment", kind: PoolType) -> None:
 
 
 def _register(deployment: "Deployment", kind: PoolType) -> None:
-    from vastflow.tasks.prefect.server import configured_url, redacted
+    from vastflow.tasks.prefect.server import configured_url
+    from vastflow.tasks.store.artifact import redacted
 
     url = configured_url()
     if url is None:

@@ -13,6 +13,7 @@ from vastflow.flows.terminal.ending import Interruptible
 from vastflow.flows.terminal.options import AsJson, DryRun, command_group
 from vastflow.flows.terminal.progress import count_text
 from vastflow.sim.model.faults import UserError
+from vastflow.tasks.store.artifact import redacted
 
 if TYPE_CHECKING:
     from vastflow.tasks.store.store import Holding, Store
@@ -37,9 +38,9 @@ def info(place: StoreOption = None, as_json: AsJson = False) -> None:
         local = {name: folder_bytes(opened.local / name) for name in names}
     found = _counted(holdings, time.time())
     if as_json:
-        print(json.dumps({"store": opened.place, **found, "local": {"folder": str(opened.local), **local}}))
+        print(json.dumps({"store": redacted(opened.place), **found, "local": {"folder": str(opened.local), **local}}))
         return
-    print(f"store: {opened.place}\n")
+    print(f"store: {redacted(opened.place)}\n")
     _print_stages(found)
     if found["unfinished"]:
         print(f"\n{count_text(found['unfinished'], 'artifact')} unfinished or without manifest")
@@ -71,7 +72,7 @@ def verify(
     if as_json:
         size = sum(holding.size_bytes for holding in holdings)
         said = {"artifacts": len(holdings), "bytes": size, "damaged": faults, "repaired": repair}
-        print(json.dumps({"store": opened.place, **said}))
+        print(json.dumps({"store": redacted(opened.place), **said}))
     else:
         for key, fault in faults.items():
             print(f"{key}: {fault}")
@@ -126,7 +127,7 @@ def gc(
         counts |= {"environments": len(chosen.environments), "environments_bytes": chosen.environments_bytes}
         counts |= {"kept": len(chosen.kept), "kept_bytes": kept_bytes}
         keys = [holding.key for holding in chosen.removed]
-        print(json.dumps({"store": opened.place, "deleted": not dry_run, **counts, "keys": keys}))
+        print(json.dumps({"store": redacted(opened.place), "deleted": not dry_run, **counts, "keys": keys}))
         return
     _print_stages(removed)
     if chosen.environments:

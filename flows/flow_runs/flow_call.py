@@ -5,6 +5,7 @@ import ctypes
 import logging
 import os
 import threading
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -21,8 +22,8 @@ from vastflow.tasks.prefect.server import (
     PrefectUnavailable,
     configured_url,
     embedded,
-    redacted,
 )
+from vastflow.tasks.store.artifact import redacted
 
 LOGGER: Final = logging.getLogger("vastflow.flow_call")
 
@@ -93,7 +94,7 @@ class FlowCall:
         with ExitStack() as stack:
             stack.enter_context(campaign_log.prefect_log(self._log))
             from vastflow.tasks.prefect.orphans import tagged
-            from vastflow.tasks.prefect.retry import bounded
+            from vastflow.tasks.prefect.retry import IN_BETWEEN_S, PAUSE_S, bounded, busy
 
             configured = configured_url()
             if configured:
@@ -104,7 +105,9 @@ class FlowCall:
                 stack.enter_context(embedded(self._server.url(), self._server.auth))
                 for notice in self._server.notices:
                     self._tally.notice(notice)
-            for tries_left in reversed(range(1 if configured else FLOWS)):
+            tries_left, deadline_s = FLOWS, time.monotonic() + IN_BETWEEN_S
+            while True:
+                tries_left -= 1
                 ended = False
                 try:
                     with tagged():
@@ -122,9 +125,12 @@ class FlowCall:
                     if done():
                         self._tally.notice(f"all is computed, but Prefect's pages do not show the end: {unavailable}")
                         return
-                    if not tries_left:
+                    is_busy = busy(error) and time.monotonic() < deadline_s
+                    if self._engine.closed or not (is_busy if configured else tries_left):
                         raise unavailable from None
-                    if self._server is not None:
+                    if configured:
+                        time.sleep(PAUSE_S)
+                    elif self._server is not None:
                         self._server.url()  # killed before the flow had heard of it; it is back with this
                 finally:
                     end_services(SENDING_S if ended else GONE_S)

@@ -70,9 +70,7 @@ def postprocessed(written: Results, steps: Sequence[ProcessingStep], base: Path)
     write_json(directory / FOLDER / STEPS, {"steps": [asdict(step) for step in done]})
     faults = [RunFault("", None, STAGE, f"{step.name}: {step.message}") for step in done if step.outcome == "failed"]
     if faults:
-        renewed = file.with_name(f".{file.name}")
-        write_json(renewed, {**metadata, "faults": [*metadata.get("faults", []), *map(asdict, faults)]})
-        renewed.replace(file)
+        write_json(file, {**metadata, "faults": [*metadata.get("faults", []), *map(asdict, faults)]})
     return replace(written, faults=(*written.faults, *faults))
 
 

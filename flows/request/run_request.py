@@ -9,9 +9,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from inspect import Parameter
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Annotated, Any, Final, Self, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator, model_validator
+
+from vastflow.tasks.store.artifact import public_address
 
 Text: TypeAlias = Annotated[str, StringConstraints(min_length=1)]
 OneOrMore: TypeAlias = Annotated[int, Field(ge=1)]
@@ -84,6 +86,11 @@ class RunRequest(BaseModel):
                 f"got {address!r}, and no such file exists"
             )
         return address
+
+    def public(self) -> Self:
+        """Return the request without credentials in its addresses, as others may read what keeps it."""
+        named = {name: getattr(self, name) for name in ("store", "results", "cluster", "reports")}
+        return self.model_copy(update={name: public_address(place) for name, place in named.items() if place})
 
     @model_validator(mode="before")
     @classmethod

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Final
 
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.faults import UserError
-from vastflow.tasks.store.store import WRITING_S, Store, is_address
+from vastflow.tasks.store.artifact import public_address, redacted
+from vastflow.tasks.store.store import WRITING_S, Store, StoreError, is_address
 
 if TYPE_CHECKING:
     from vastflow.flows.results.summary import Results
@@ -47,7 +48,7 @@ class Delivery:
         address = f"{self.address}/{written.directory.name}"
         metadata = written.directory / METADATA
         content = json.loads(metadata.read_text(encoding="utf-8"))
-        content["counts"]["results"] = address
+        content["counts"]["results"] = public_address(address)
         metadata.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
         files = sorted(path for path in written.directory.rglob("*") if path.is_file() and path != metadata)
         places = [path.relative_to(written.directory).as_posix() for path in files]
@@ -55,7 +56,7 @@ class Delivery:
             system, root = file_system(address)
             system.put([str(path) for path in files], [f"{root}/{place}" for place in places])
             system.pipe_file(f"{root}/{METADATA}", metadata.read_bytes())
-        return replace(written, summary=replace(written.summary, results=address))
+        return replace(written, summary=replace(written.summary, results=public_address(address)))
 
 
 def delivery_to(results: str | os.PathLike[str], store: Store) -> Delivery:
@@ -114,7 +115,7 @@ def _fetch(address: str, copy: Path, leave_out: Collection[str]) -> None:
         found = f"not a campaign directory, there is no {METADATA}; an address that `vastflow run --results` printed"
         if inside := sorted(place.partition("/")[0] for place in places if re.fullmatch(f"[^/]+/{METADATA}", place)):
             found = f"holds {len(inside)} campaign directories; name one of them, such as {address}/{inside[-1]}"
-        raise UnusableDirectory(f"{address}: {found}")
+        raise UnusableDirectory(redacted(f"{address}: {found}"))
     wanted = [place for place in places if place.partition("/")[0] not in leave_out]
     for parent in {(copy / place).parent for place in wanted}:
         parent.mkdir(parents=True, exist_ok=True)
@@ -131,9 +132,7 @@ def _using(address: str, more: str = "") -> Iterator[None]:
     except UserError:
         raise
     except Exception as error:  # noqa: BLE001 - a file system may raise anything
-        said = unusable("results", address, error)
-        said.args = (f"{said}{more}",)
-        raise said from None
+        raise StoreError(f"{unusable('results', address, error)}{more}") from None
 
 
 def meant_address(path: Path) -> str | None:

@@ -37,6 +37,7 @@ from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.model.archive import one_archive
 from vastflow.sim.model.digest import FileContent, file_digest
+from vastflow.sim.model.files import replace_file
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from vastflow.tasks.engine.engine import RunFault
@@ -162,7 +163,7 @@ def metadata_of(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, 
 def write_json(path: Path, content: Any) -> None:
     """Write JSON for people; what UTF-8 does not have becomes an escape."""
     text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-    path.write_text(text, encoding="utf-8", errors="backslashreplace")
+    replace_file(path, text.encode(errors="backslashreplace"))
 
 
 def _write_outcome(place: Path, metadata: Mapping[str, Any], summary: Summary, faults: Sequence[RunFault]) -> None:

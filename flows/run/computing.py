@@ -9,6 +9,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from platformdirs import user_cache_dir
+
 from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.results.directory import directory_name
@@ -112,7 +114,8 @@ def computing(
     """
     created = datetime.now()
     label = f"{directory_name(opened.name)}-{stage}" if stage else directory_name(opened.name)
-    log = campaign_log.new_log(opened.store.local / "logs", label, created)
+    logs = opened.store.local if opened.store.unwritable is None else Path(user_cache_dir("vastflow"))
+    log = campaign_log.new_log(logs / "logs", label, created)
     with campaign_log.own_log(log):
         check_machine()
         executor: Executor = Pool(workers or cores(), log)

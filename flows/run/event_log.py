@@ -77,7 +77,7 @@ class EventLog:
             "directory": str(self.directory.final.absolute()),
             "folder": os.getcwd(),
         }
-        asked = request.model_dump(mode="json", exclude_defaults=True)
+        asked = request.public().model_dump(mode="json", exclude_defaults=True)
         began = self._event("began", name=name, **places, request=asked, process=os.getpid(), host=platform.node())
         self._append([began])
         self._thread.start()

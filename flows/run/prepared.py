@@ -94,7 +94,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
         if campaign.unexecutable:
             raise FileError(campaign.unexecutable)
         inputs = inputs_of(campaign, oracles)
-        store = open_store(request.store)
+        store = open_store(request.store, may_be_full=True)
         delivery = delivery_to(request.results, store)
         tree = installed_tree()
         keys = campaign_keys(tree, campaign.seed, oracles)

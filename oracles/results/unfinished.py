@@ -13,7 +13,7 @@ import psutil
 
 from vastflow.oracles.results.unusable import DAMAGE
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.model.files import read_json
+from vastflow.sim.model.files import read_json, replace_file
 
 RUNNING: Final = ".{}.running"
 """Name of the folder while a campaign is computed; the directory takes it over."""
@@ -91,10 +91,8 @@ def ask_to_stop(directory: str | Path, reason: str) -> None:
     place = place_of(Path(directory))
     if place is None or not is_running(place):
         raise UserError(f"{directory}: expected a running campaign, got one that has ended")
-    asked = place / f".{STOP}.{os.getpid()}"
     try:
-        asked.write_text(json.dumps({"reason": " ".join(reason.split())[:_MOST_REASON]}), encoding="utf-8")
-        asked.rename(place / STOP)
+        replace_file(place / STOP, json.dumps({"reason": " ".join(reason.split())[:_MOST_REASON]}).encode())
     except OSError as error:
         raise UserError(
             f"{place}: can't be written ({error.strerror}), so the campaign can't be stopped there"

@@ -317,6 +317,25 @@ def _place_behind(before: str) -> TextPlace:
     return len(lines), len(lines[-1]) + 1
 
 
+def replace_file(file: Path, content: bytes) -> None:
+    """Write a file in one step, by a new one beside it whose name nobody can foresee: no link is followed.
+
+    Raises:
+        OSError: it can't be written.
+    """
+    prepared = file.with_name(f".{uuid.uuid4().hex}")
+    try:
+        # Not by `mkstemp`, whose files only their owner can read.
+        new = os.open(prepared, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        with os.fdopen(new, "wb") as opened:
+            opened.write(content)
+        prepared.replace(file)
+    except BaseException:
+        with suppress(OSError):
+            prepared.unlink()
+        raise
+
+
 def keep_folder(folder: Path, contents: Mapping[str, bytes], beside: Mapping[str, bytes] | None = None) -> bool:
     """Write a folder of these files, unless it is there, whole; return whether it was written.
 

@@ -7,7 +7,7 @@ each message as msgpack, and all bytes in it as text: nothing is left that could
 
 import pickletools
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from ssl import SSLError
 from typing import Any, Final
@@ -30,7 +30,7 @@ class _Plain:
     """Reads messages without unpickling; for the rest see `distributed.comm.tcp.TCP`."""
 
     stream: Any
-    _closed: bool
+    abort: Callable[[], None]
 
     async def read(self, deserializers: object = None) -> Any:
         """Return the next message.
@@ -53,36 +53,16 @@ class _Plain:
                 raise CommClosedError(f"expected a message of Dask's, got {error}") from None
             raise
 
-    def abort(self) -> None:
-        """See `distributed.comm.core.Comm`."""
-        super().abort()  # type: ignore[misc]
+
+def _backend(comm: Any, connector: Any, backend: Any) -> Any:
+    """Return a transport of Dask's that reads plainly."""
+    plain = type("Plain", (_Plain, comm), {})
+    connects = type("PlainConnector", (connector,), {"comm_class": plain})
+    return type("PlainBackend", (backend,), {"_connector_class": connects})()
 
 
-class _PlainTCP(_Plain, tcp.TCP):
-    pass
-
-
-class _PlainTLS(_Plain, tcp.TLS):
-    pass
-
-
-class _TCPConnector(tcp.TCPConnector):
-    comm_class = _PlainTCP
-
-
-class _TLSConnector(tcp.TLSConnector):
-    comm_class = _PlainTLS
-
-
-class _TCPBackend(tcp.TCPBackend):
-    _connector_class = _TCPConnector
-
-
-class _TLSBackend(tcp.TLSBackend):
-    _connector_class = _TLSConnector
-
-
-registry.backends.update({f"{_SCHEME}tcp": _TCPBackend(), f"{_SCHEME}tls": _TLSBackend()})
+registry.backends[f"{_SCHEME}tcp"] = _backend(tcp.TCP, tcp.TCPConnector, tcp.TCPBackend)
+registry.backends[f"{_SCHEME}tls"] = _backend(tcp.TLS, tcp.TLSConnector, tcp.TLSBackend)
 
 
 def plain_client(address: str, security: Any, **options: Any) -> Any:

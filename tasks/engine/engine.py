@@ -376,6 +376,8 @@ class Engine:
         self._tally.judge(configuration.name, dict.fromkeys(runs, "not judged"))
 
     def _submit(self, priority: Priority, function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
+        if self._store.unwritable is not None:
+            raise self._store.unwritable
         return self._executor.submit(work.answered, function, *arguments, priority=priority)
 
     def _answer(self, job: "Future[Any]") -> Any:

@@ -3,15 +3,15 @@
 import ast
 import hashlib
 import json
-import os
 import sys
-import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
+
+from vastflow.sim.model.files import replace_file
 
 _UNSEEN = frozenset({"kind", "type_comment", "type_ignores"})
 """Fields of a syntax tree that change nothing: `u` before a string, and comments about types."""
@@ -126,14 +126,10 @@ class SourceCache:
         asked = {key: [each.code, sorted(each.imports), sorted(each.data)] for key, each in self._asked.items()}
         rest = {key: found for key, found in self._known.items() if key not in asked}
         kept = {**asked, **dict(list(rest.items())[: max(0, CACHED_FILES - len(asked))])}
-        temporary = self._file.with_name(f"{self._file.name}.{uuid.uuid4().hex}")
         with suppress(OSError):
             self._file.parent.mkdir(parents=True, exist_ok=True)
             body = json.dumps(kept, separators=(",", ":")).encode()
-            temporary.write_bytes(hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
-            os.replace(temporary, self._file)
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+            replace_file(self._file, hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
 
     def _key(self, content: bytes, package: str) -> str:
         hashed = self._reader.copy()

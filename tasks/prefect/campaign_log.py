@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vastflow.tasks.prefect.adapter import console_handlers, import_prefect
-from vastflow.tasks.prefect.server import redacted
+from vastflow.tasks.store.artifact import redacted
 
 FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 MOST_LOGS: Final = 50

@@ -18,7 +18,7 @@ IN_BETWEEN_S: Final = 60.0
 RETRIES: Final = 2
 """Retries of a request by Prefect's own client, which takes some 10 s then; see `bounded`."""
 
-_PAUSE_S: Final = 1.0
+PAUSE_S: Final = 1.0
 _SERVER_FAULT: Final = 500
 
 T = TypeVar("T")
@@ -60,7 +60,14 @@ def retried(
             if not tries:
                 missed(error)
         tries += 1
-        time.sleep(_PAUSE_S)
+        time.sleep(PAUSE_S)
+
+
+def busy(error: BaseException) -> bool:
+    """True if a server is there and can't answer now, which may be told by an error that Prefect made of the server's."""
+    status = isinstance(error, PrefectHTTPStatusError) and error.response.status_code >= _SERVER_FAULT
+    slow = isinstance(error, httpx.TimeoutException)
+    return status or slow or (error.__cause__ is not None and busy(error.__cause__))
 
 
 def is_away(error: Exception) -> bool:

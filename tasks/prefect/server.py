@@ -4,7 +4,6 @@ import contextlib
 import contextvars
 import logging
 import os
-import re
 import secrets
 import subprocess
 import sys
@@ -125,11 +124,6 @@ class ApiServer:
                 LOGGER.warning("Prefect's API was killed; it is started again")
                 self._process = self._started()
         self.lost = True
-
-
-def redacted(text: str) -> str:
-    """Return a text without the users and passwords of addresses in it."""
-    return re.sub(r"(?<=://)[^/\s]*@", "…@", text)
 
 
 def answers(address: str) -> bool:

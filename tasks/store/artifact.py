@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -18,8 +19,28 @@ from vastflow.sim.model.faults import UserError
 MANIFEST: Final = "manifest"
 
 
+_USER: Final = re.compile(r"""(?<=://)(?:[^/\s]*|[^/\s:@]*:(?!\d+/)[^\s'"@]*)@""")
+"""A password may have a slash in it; what follows the digits of a port is a path."""
+_SECRET: Final = re.compile(
+    r"""(?i)(?<=[?&])([\w.-]*(?:token|signature|secret|password|credential|key)[\w.-]*=|sig=)[^&\s'"]+"""
+)
+
+
+def redacted(text: str) -> str:
+    """Return a text without the users, passwords, and signatures of addresses in it."""
+    return _SECRET.sub(r"\1…", _USER.sub("…@", text))
+
+
+def public_address(address: str) -> str:
+    """Return an address without its credentials, which whoever uses it takes from the environment."""
+    return re.sub(r"(?<=[?&])&+", "", _SECRET.sub("", _USER.sub("", address))).rstrip("?&")
+
+
 class StoreError(UserError, OSError):
     """The store's place can't be used."""
+
+    def __init__(self, *said: object) -> None:
+        super().__init__(*(redacted(each) if isinstance(each, str) else each for each in said))
 
 
 class Lost(Exception):
@@ -109,32 +130,14 @@ def manifest_of(artifact: Artifact) -> bytes:
     return hashlib.sha256(promise).hexdigest().encode() + b"\n" + promise
 
 
-class _Promise(TypedDict):
-    key: str
-    files: dict[str, FileEntry]
-    info: dict[str, Any]
-
-
-class _Recorded(TypedDict):
-    runs: list[tuple[int, float]]
-
-
-class _Judged(TypedDict):
-    runs: list[tuple[int, str]]
-    causes: list[tuple[int, str]]
-
-
-class _Counted(TypedDict):
-    counted: list[tuple[str, str, int]]
-    stood_still: int
-
-
+_Promise = TypedDict("_Promise", {"key": str, "files": dict[str, FileEntry], "info": dict[str, Any]})  # noqa: UP013
 _PROMISE: Final = TypeAdapter(_Promise)
-_FACTS: Final = {
-    "execute": TypeAdapter[Any](_Recorded),
-    "judge": TypeAdapter[Any](_Judged),
-    "rows": TypeAdapter[Any](_Counted),
-    "search": TypeAdapter[Any](TypedDict("_Searched", {"batches": int})),
+_JUDGED: Final = TypeAdapter[Any](list[tuple[int, str]])
+_FACTS: Final[Mapping[str, Mapping[str, TypeAdapter[Any]]]] = {
+    "execute": {"runs": TypeAdapter(list[tuple[int, float]])},
+    "judge": {"runs": _JUDGED, "causes": _JUDGED},
+    "rows": {"counted": TypeAdapter(list[tuple[str | None, str, int]]), "stood_still": TypeAdapter(int)},
+    "search": {"batches": TypeAdapter(int)},
 }
 """Stage to the facts that its readers rely on: a manifest with a right checksum may still be anybody's."""
 
@@ -150,11 +153,10 @@ def artifact_of(key: str, manifest: bytes) -> Artifact:
         raise ValueError(f"{MANIFEST} is not what was written")
     try:
         body = _PROMISE.validate_json(promise)
-        if facts := _FACTS.get(key.partition("/")[0]):
-            facts.validate_python(body["info"])
+        for name, kind in _FACTS.get(key.partition("/")[0], {}).items():
+            kind.validate_python(body["info"].get(name))
     except ValidationError as error:
-        first = error.errors()[0]
-        raise ValueError(f"{MANIFEST}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        raise ValueError(f"{MANIFEST} has another shape ({error.errors()[0]['msg']})") from None
     if body["key"] != key:
         raise ValueError(f"it is a copy of {body['key']}")
     for name in body["files"]:

@@ -142,8 +142,8 @@ def _opened(path: str) -> FileIO:
     Raises:
         ValueError: it is something else.
     """
-    file = FileIO(os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0)))
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
+    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
+    if not stat.S_ISREG(os.fstat(file).st_mode):
+        os.close(file)
         raise ValueError(f"{os.path.basename(path)} is no regular file")
-    return file
+    return FileIO(file)

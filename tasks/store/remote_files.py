@@ -19,6 +19,7 @@ import fsspec
 import platformdirs
 
 from vastflow.sim.model.digest import digest
+from vastflow.sim.model.files import replace_file
 from vastflow.tasks.store.artifact import MANIFEST, Artifact, FileEntry, StoreError, entry_of, present
 from vastflow.tasks.store.files import Listed
 
@@ -145,11 +146,9 @@ class RemoteFiles:
                     raise self._unusable(content)
         if unread or len(copies) > len(found):
             kept = {tag: found[key].decode(errors="replace") for key, tag in tags.items() if key in found}
-            prepared = place.with_name(uuid.uuid4().hex)
             with contextlib.suppress(OSError):
                 place.parent.mkdir(parents=True, exist_ok=True)
-                prepared.write_text(json.dumps(kept), encoding="utf-8")
-                os.replace(prepared, place)
+                replace_file(place, json.dumps(kept).encode())
         return found
 
     def _listed(self, key: str) -> dict[str, _Entry]:
@@ -223,7 +222,10 @@ def unusable(what: str, address: str, error: Exception) -> StoreError:
     if isinstance(error, FileNotFoundError):
         right = "make the bucket, or correct the address"
     elif isinstance(error, PermissionError) or "Credential" in type(error).__name__:
-        right = "check the credentials (AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE) and their rights"
+        right = (
+            "check the credentials (AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE) and their rights; they come "
+            "from the environment, as no campaign directory, deployment, or log keeps those of an address"
+        )
     elif isinstance(error, ImportError):
         right = "install what it names, or give a folder or s3://bucket/prefix"
     elif isinstance(error, ValueError):

@@ -96,6 +96,9 @@ class Store:
         place: See `open_store`, which also checks that it can be written.
         read_only: Write and delete nothing: what is put stays in this object, what is damaged seems gone.
         sources: Source files of the keys; a process that imported others finds and keeps nothing.
+
+    Attributes:
+        unwritable: Why it is only read although it was to be written; None otherwise.
     """
 
     def __init__(
@@ -105,6 +108,7 @@ class Store:
         read_only: bool = False,
         sources: SourceFiles | None = None,
     ) -> None:
+        self.unwritable: StoreError | None = None
         self._files = _files(place)
         self._read_only = read_only
         self._sources = sources
@@ -349,10 +353,15 @@ def store_root(place: str | os.PathLike[str] | None = None) -> Path:
     return Path(platformdirs.user_cache_dir("vastflow")) / "store"
 
 
-def open_store(place: str | os.PathLike[str] | None = None, *, read_only: bool = False) -> Store:
+def open_store(
+    place: str | os.PathLike[str] | None = None, *, read_only: bool = False, may_be_full: bool = False
+) -> Store:
     """Open the store at `place`, else at the variable `VASTFLOW_STORE`, else in the user's cache folder.
 
     A missing folder is made, unless it is only read. An address is any that fsspec knows, such as `s3://bucket/prefix`.
+
+    Args:
+        may_be_full: Only read a store that can't be written: nothing may be missing in it.
 
     Raises:
         StoreError: it can't be written.
@@ -364,7 +373,14 @@ def open_store(place: str | os.PathLike[str] | None = None, *, read_only: bool =
         )
     store = Store(place, read_only=read_only)
     if not read_only:
-        store._files.prepare()
+        try:
+            store._files.prepare()
+        except StoreError as error:
+            # A network that is away has no answer to reading either, after as long a wait.
+            if not may_be_full or (address is not None and not isinstance(error.__context__, PermissionError)):
+                raise
+            store = Store(place, read_only=True)
+            store.unwritable = error
     return store
 
 

@@ -10,6 +10,8 @@ import pytest
 from room import edited, laid_out
 
 from vastflow.flows import run_campaign
+from vastflow.tasks.store.folder_files import FolderFiles
+from vastflow.tasks.store.store import StoreError
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -107,6 +109,20 @@ def test_second_run_executes_nothing_starts_no_prefect_and_writes_the_same_bytes
     assert counted() == NOTHING
     assert phases[-1] == "reporting" and "starting Prefect" not in phases
     assert recordings(found) == recordings(first)
+
+
+def read_only(self, *_):
+    raise StoreError("store: can't write to 'store' (Read-only file system)") from None
+
+
+def test_full_store_that_can_only_be_read_is_enough_unless_something_is_missing(first, again, no_prefect, monkeypatch):
+    for method in ("prepare", "write", "delete"):
+        monkeypatch.setattr(FolderFiles, method, read_only)
+    found = again()
+    assert (found.summary.executed, found.summary.reused, found.faults) == (0, 8, ())
+    assert recordings(found) == recordings(first)
+    with pytest.raises(StoreError, match="Read-only file system"):
+        again(("tiny.vast", "values: [0.0, 0.01]", "values: [0.0, 0.05]"))
 
 
 def test_changed_noise_level_executes_its_configurations_only(place, again, counted):

@@ -97,6 +97,18 @@ def test_log_has_each_change_once(campaign, tmp_path):
     assert last.values["log"]["lines"] == len(lines) and last.values["log"]["cpu_s"] < 0.1
 
 
+def test_first_event_has_no_credentials(campaign):
+    run, computing = campaign
+    run.request = RunRequest(
+        campaign="room.vast", store="s3://KEY:SECRET@bucket/store", results="sftp://me:pw@host/out"
+    )
+    with logged(run, computing) as log:
+        text = (log.directory.place / EVENTS).read_text()
+        log.close("ended", faults=0)
+    assert "SECRET" not in text and "me:pw" not in text
+    assert '"s3://bucket/store"' in text
+
+
 def test_log_writes_while_campaign_runs(campaign):
     run, computing = campaign
     with logged(run, computing) as log:

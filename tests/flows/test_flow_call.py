@@ -1,8 +1,11 @@
 """A flow whose Prefect API fails: restarted if embedded, reported if it is the user's."""
 
+import contextlib
 from types import SimpleNamespace
 
+import httpx
 import pytest
+from prefect.exceptions import PrefectHTTPStatusError
 from table import each_row
 
 from vastflow.flows.flow_runs import flow_call
@@ -35,16 +38,16 @@ def made(tmp_path, monkeypatch):
 class Flow:
     """A flow that its API fails some times."""
 
-    def __init__(self, failures):
+    def __init__(self, failures, error=lambda: RuntimeError("Failed to reach API")):
         self.begun = 0
-        self._failures = failures
+        self._failures, self._error = failures, error
 
     def __call__(self):
         from prefect.states import Completed
 
         self.begun += 1
         if self.begun <= self._failures:
-            raise RuntimeError("Failed to reach API")
+            raise self._error()
         return Completed()
 
 
@@ -70,6 +73,25 @@ def test_flow_is_retried_only_with_embedded_api(made, monkeypatch, failures, con
     except PrefectUnavailable as error:
         said = str(error)
     assert (said, flow.begun) == (words and words.format(log=made._log), begun)
+
+
+@pytest.mark.parametrize(("status", "begun"), [(503, 3), (401, 1)])
+def test_flow_begins_again_at_configured_api_that_is_busy(made, monkeypatch, status, begun):
+    monkeypatch.setattr(flow_call, "configured_url", lambda: "http://lab:4200/api")
+    monkeypatch.setattr(flow_call.time, "sleep", lambda pause_s: None)
+    request = httpx.Request("POST", "http://lab:4200/api/flows/")
+    error = PrefectHTTPStatusError("no", request=request, response=httpx.Response(status, request=request))
+    flow = Flow(2, lambda: wrapped(error))
+    with contextlib.suppress(PrefectUnavailable):
+        made.run(flow)
+    assert flow.begun == begun
+
+
+def wrapped(cause):
+    """An error as Prefect makes it of the server's answer."""
+    error = RuntimeError("Failed to reach API")
+    error.__cause__ = cause
+    return error
 
 
 def test_finished_flow_is_not_restarted_when_its_api_fails(made):

@@ -40,9 +40,11 @@ def result(store):
         runs = [Recording(Run(k, str(k), "succeeded", 0, "", 1.5, 2.0, 0, 0), {}) for k in range(2)]
         behaviors = write_behaviors({k: {"t_s": np.array([0.5 * k])} for k in range(2)})
         files = {"recordings.parquet": write_recordings(runs), "behaviors.arrow": behaviors}
-        recordings = store.put("execute/aa/a/0-2", files, sidecar={"runlog.json": b'{"runs": []}'})
+        recordings = store.put(
+            "execute/aa/a/0-2", files, {"runs": [[0, 1.0], [1, 1.0]]}, sidecar={"runlog.json": b'{"runs": []}'}
+        )
         verdicts = write_verdicts([Verdict("success", k, judgement) for k in range(2)])
-        judged = store.put(f"judge/aa/{judgement}", {"verdicts.json": verdicts}, {"causes": causes})
+        judged = store.put(f"judge/aa/{judgement}", {"verdicts.json": verdicts}, {"runs": [], "causes": causes})
         block = Block(recordings.key, 0, 2, recordings.content)
         return StoredResult(store, [Stored(block, recordings, None, judged)], 2, faults, **more)
 

@@ -153,3 +153,10 @@ def test_map_dir_must_exist(command, apart):
     name, *options = command.split()
     words = f"--map-dir: expected a folder of maps, got '{maps / 'none'}'"
     assert words in refused(name, file, "--map-dir", maps / "none", *options)
+
+
+def test_public_request_has_no_credentials_in_its_addresses():
+    asked = {"store": "s3://KEY:SE/CRET@bucket/store", "results": "sftp://me:pw@host/out?token=abc&y=1"}
+    public = RunRequest(campaign="x.vast", cluster="tls://h:1", **asked).public()
+    assert (public.store, public.results) == ("s3://bucket/store", "sftp://host/out?y=1")
+    assert (public.campaign, public.cluster, public.reports) == ("x.vast", "tls://h:1", None)

@@ -147,3 +147,13 @@ def test_stop_gives_its_reason_to_running_campaign_only(running, tmp_path):
     (running / WRITER).unlink()
     with pytest.raises(UserError, match=f"{NAME}: expected a running campaign, got one that has ended"):
         ask_to_stop(tmp_path / NAME, "late")
+
+
+def test_stop_request_follows_no_link(running, tmp_path):
+    mine = tmp_path / "mine"
+    mine.write_text("precious")
+    for name in (STOP, f".{STOP}.{os.getpid()}", f".{STOP}"):
+        (running / name).symlink_to(mine)
+    ask_to_stop(tmp_path / NAME, "wrong noise")
+    assert (mine.read_text(), stop_reason(running)) == ("precious", "wrong noise")
+    assert not (running / STOP).is_symlink()

@@ -82,7 +82,11 @@ class Raw:
 
     def paths(self, *keys: str) -> list[str]:
         """Every file of artifacts, or below the given keys, sorted."""
-        found = [path for key in keys or ("execute", "observe", "judge") for path in self._files.find(self._at(key))]
+        found = [
+            path
+            for key in keys or ("evaluate", "execute", "observe", "judge")
+            for path in self._files.find(self._at(key))
+        ]
         return sorted(found)
 
     def path(self, key: str, name: str) -> str:

@@ -122,7 +122,7 @@ def test_units_have_store_of_their_worker_and_shared_values(opened):
     executor = opened()
     store, shared = executor._packer._store, executor.shared((1, store_of(executor)))
     assert execute(executor, _put, store, shared).result(60) == [1, str(store.place)]
-    assert store.find("search/ab/key") is not None
+    assert store.find("observe/ab/key") is not None
 
 
 def store_of(executor):
@@ -131,7 +131,7 @@ def store_of(executor):
 
 def _put(store, shared):
     number, same = shared()
-    store.put("search/ab/key", {"x": b"x"})
+    store.put("observe/ab/key", {"x": b"x"})
     return number, same.place
 
 

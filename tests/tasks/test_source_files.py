@@ -24,7 +24,7 @@ for name in sys.argv[3:]:
     if name != "-":
         importlib.import_module(name)
     try:
-        store.put(f"judge/ab/{len(sys.argv)}{name}", {"a": b"1"})
+        store.put(f"observe/ab/{len(sys.argv)}{name}", {"a": b"1"})
         print("stored", flush=True)
     except StoreError as error:
         print(error, flush=True)

@@ -14,7 +14,7 @@ from table import each_row
 from vastflow.tasks.store.remote_files import RemoteFiles
 from vastflow.tasks.store.store import Lost, Store, open_store
 
-KEY, HOME = "execute/ab/abcd/0-5", "execute/ab/abcd"
+KEY, HOME = "evaluate/ab/abcd/0-5", "evaluate/ab/abcd"
 CONTENT = "338736d3cc5239f43388b32f21328523e790542620966d1e65b34ce99582cf83"
 
 
@@ -55,7 +55,7 @@ def test_store_returns_files_facts_and_sidecars(store, files):
 
 def test_content_digest_is_pinned_and_depends_on_files_alone(store):
     first = store.put(KEY, {"a.bin": b"one"}, info={"x": 1}, sidecar={"log.json": b"1"})
-    other = store.put("execute/ab/other/0-5", {"a.bin": b"one"}, info={"x": 2})
+    other = store.put("evaluate/ab/other/0-5", {"a.bin": b"one"}, info={"x": 2})
     assert first.content == other.content == store.find(KEY).content == CONTENT
 
 
@@ -102,7 +102,7 @@ def test_file_deleted_after_listing_is_lost(store, files):
 
 
 @pytest.mark.parametrize("refreshed", [False, True])
-@pytest.mark.parametrize("other", ["execute/ab/other/0-5", "execute/ab/abcd/5-10"])
+@pytest.mark.parametrize("other", ["evaluate/ab/other/0-5", "evaluate/ab/abcd/5-10"])
 def test_copied_artifact_under_wrong_key_is_detected(store, files, other, refreshed, caplog):
     store.put(other, {"a.bin": b"other"}, info={"runs": []})
     for path in files.paths(other):
@@ -131,7 +131,7 @@ def test_concurrent_writers_leave_whole_artifacts(kind, tmp_path, request):
     lost = 0
     for i in range(30):
         try:
-            assert store.read(f"execute/ab/k{i}/0-1", "a.bin")[:1] in (b"0", b"1")
+            assert store.read(f"evaluate/ab/k{i}/0-1", "a.bin")[:1] in (b"0", b"1")
         except Lost:  # rclone keeps neither of two that write one object at once
             lost += 1
     assert lost <= (3 if kind == "s3" else 0)
@@ -144,7 +144,7 @@ import sys
 from vastflow.tasks.store.store import open_store
 store = open_store(sys.argv[1])
 for i in range(30):
-    store.put(f"execute/ab/k{i}/0-1", {"a.bin": sys.argv[2].encode() * 1000})
+    store.put(f"evaluate/ab/k{i}/0-1", {"a.bin": sys.argv[2].encode() * 1000})
 """
 
 
@@ -159,7 +159,7 @@ def test_writers_survive_concurrent_removal(kind, tmp_path, request):
 
     def write(writer):
         for i in range(400):
-            store.put(f"execute/ab/k{i % 3}/{writer % 2}-5", {"a.bin": b"a"})
+            store.put(f"evaluate/ab/k{i % 3}/{writer % 2}-5", {"a.bin": b"a"})
 
     with ThreadPoolExecutor(6) as threads:
         removers = [threads.submit(remove_all) for _ in range(2)]
@@ -203,17 +203,17 @@ def test_listing_notices_damage(store, files, name, caplog):
 
 
 def test_holdings_have_stage_size_and_time(store):
-    for key in (KEY, "judge/ab/abcd"):
+    for key in (KEY, "report/ab/abcd"):
         store.put(key, {"a.bin": b"x" * 1000}, sidecar={"log": b"y" * 10})
     found = store.holdings()
-    assert [(each.key, each.stage) for each in found] == [(KEY, "execute"), ("judge/ab/abcd", "judge")]
+    assert [(each.key, each.stage) for each in found] == [(KEY, "evaluate"), ("report/ab/abcd", "report")]
     assert all(1010 < each.size_bytes < 1300 for each in found)
     assert abs(found[0].written_s - found[1].written_s) < 60
 
 
 @pytest.mark.parametrize("number", [3, 30])
 def test_removal_deletes_one_artifact_completely(store, files, number):
-    keys = [f"execute/ab/abcd{i}/0-5" for i in range(number)]
+    keys = [f"evaluate/ab/abcd{i}/0-5" for i in range(number)]
     for key in keys:
         store.put(key, {"a.bin": b"one"}, sidecar={"log": b"1"})
     store.refresh()

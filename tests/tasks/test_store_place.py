@@ -16,7 +16,7 @@ from vastflow.producers.floorplan.environment import environments_folder
 from vastflow.tasks.store.remote_files import RemoteFiles, file_system
 from vastflow.tasks.store.store import Store, StoreError, open_store, store_root
 
-KEY = "execute/ab/abcd/0-5"
+KEY = "evaluate/ab/abcd/0-5"
 
 
 def test_remains_of_killed_writers_are_removed_after_a_day(tmp_path):
