@@ -68,6 +68,7 @@ def pytest_configure(config):
     folder = tempfile.TemporaryDirectory(prefix="vastflow-tests-", ignore_cleanup_errors=True)
     config.add_cleanup(folder.cleanup)
     os.environ["PREFECT_HOME"] = str(Path(folder.name, "prefect"))
+    os.environ["XDG_STATE_HOME"] = str(Path(folder.name, "state"))  # what this user made and permitted
 
 
 @pytest.hookimpl(tryfirst=True)

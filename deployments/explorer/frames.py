@@ -27,7 +27,7 @@ from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns, Event, Recording
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.chosen import drawn_parameters
 from vastflow.sim.reading.robot import robot_of
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.world.difference import world_of
@@ -147,7 +147,7 @@ def frames_of(run: StoredRun, asked: str) -> bytes:
     facts = facts_of(run, asked)
     if run.recording is None or facts["sentence"]:
         return packed(facts, {})
-    situation, robot = situation_of(run.scenario), robot_of(parameters_of(run.scenario.system))
+    situation, robot = situation_of(run.scenario), robot_of(drawn_parameters(run.scenario.system))
     grids = [*_grids(run.scenario)]
     facts |= {
         "robot": {"radius_m": robot.radius_m, "vertices": robot.vertices},

@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.deployments.explorer.packed import packed
+from vastflow.flows.results.trust import permitted_contents
 from vastflow.oracles.replay.bands import bands
-from vastflow.oracles.replay.recorded import RecordedRun, recorded_run
+from vastflow.oracles.replay.recorded import RecordedRun, needs_code, recorded_run
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Recording
 from vastflow.sim.nav2.navigator.state import Stack
+from vastflow.sim.plug_ins.loading import code_from
 from vastflow.sim.reading.checked import checked_of
 from vastflow.sim.replay import Box, Moment, Patch, first_difference, moment_of, snapshot_of
 from vastflow.sim.run import run
@@ -30,14 +32,21 @@ STEP_M: Final = 2.0
 """Steps in which this part follows the robot, so that successive moments share it."""
 
 
-def compressed_layers(directory: Path, configuration: str, run_index: int) -> bytes:
+def compressed_layers(directory: Path, configuration: str, run_index: int, consent: str | None = None) -> bytes:
     """Return the packed layers of a recorded run, compressed by gzip.
+
+    Args:
+        consent: See `permitted_contents`.
 
     Raises:
         UnusableDirectory: the run can't be executed again, or only with its programs.
+        NotPermitted: it executes code that the user neither made nor permitted.
     """
-    with reading(directory.name):
-        return gzip.compress(layers_of(recorded_run(directory, configuration, run_index)), 1)
+    with reading(directory.name), code_from(()):
+        recorded = recorded_run(directory, configuration, run_index)
+    contents = permitted_contents(directory, consent or None) if needs_code(recorded) else ()
+    with reading(directory.name), code_from(contents):
+        return gzip.compress(layers_of(recorded), 1)
 
 
 def layers_of(recorded: RecordedRun) -> bytes:

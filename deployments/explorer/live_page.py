@@ -2,8 +2,8 @@
 
 import asyncio
 import json
+import os
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -24,9 +24,11 @@ from vastflow.deployments.explorer.directories import CampaignDirectory, Directo
 from vastflow.deployments.explorer.live import LiveCampaign
 from vastflow.deployments.explorer.pages import Pages, address, name_of, number_of
 from vastflow.flows.request.run_request import RunRequest
+from vastflow.flows.results.trust import running_as
 from vastflow.oracles.results.events import LAST, Event, EventReader, gone_event
-from vastflow.oracles.results.unfinished import ask_to_stop, place_of
+from vastflow.oracles.results.unfinished import ask_to_stop, final_of, place_of
 from vastflow.oracles.results.unusable import DAMAGE, UnusableDirectory
+from vastflow.tasks.engine.process import own_environment, python_command
 
 EVERY_S: Final = 0.5
 HEARTBEAT_S: Final = 15.0
@@ -80,20 +82,30 @@ class Previews:
 
 
 def _fetch(folder: Path, campaign: CampaignDirectory, configuration: str, run_index: int) -> CampaignDirectory:
-    """Write a preview in a process of its own, as a campaign's plug-ins don't belong into the server."""
+    """Write a preview in a process of its own, as a campaign's plug-ins don't belong into the server.
+
+    The user's own record tells file and store. Nothing that the directory names is believed.
+    """
     place = Path(mkdtemp(dir=folder))
-    events = EventReader(campaign.path).new()
     try:
-        values = events[0].values
+        values = running_as(final_of(campaign.path)) or {}
         asked = RunRequest.model_validate(values["request"]).model_dump(include={*_SHARED})
         request = RunRequest.model_validate({**asked, "campaign": values["file"], "results": str(place)})
-        begun_in = str(values["folder"])
     except (LookupError, ValidationError):
-        raise UnusableDirectory(f"{campaign.name}: its events don't tell how it was begun.") from None
-    command = [sys.executable, "-m", "vastflow.flows.run.stored", request.model_dump_json()]
-    command += [configuration, str(run_index + 1)]
+        raise UnusableDirectory(
+            f"{campaign.name}: its runs are shown when it has finished; expected a campaign that you began on this machine."
+        ) from None
+    command = python_command("vastflow.flows.run.stored", request.model_dump_json(), configuration, str(run_index + 1))
     try:
-        done = subprocess.run(command, cwd=begun_in, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        done = subprocess.run(
+            command,
+            cwd=os.sep,
+            env=own_environment(),
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
         wrong = (done.stderr.strip().splitlines() or ["no reason given"])[-1] if done.returncode else ""
     except (OSError, subprocess.TimeoutExpired) as error:
         wrong = str(error)
@@ -112,9 +124,12 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
 
     def run(request: Request) -> Response:
         campaign, name = directories.find(name_of(request, "c")), name_of(request, "configuration")
-        run_index = number_of(request, "run")
+        run_index, executes = number_of(request, "run"), request.method == "POST"
+        if campaign.state != "finished" and not executes:
+            raise UnusableDirectory(f"{campaign.name} has not finished; its live page opens its runs.")
         shown = campaign if campaign.state == "finished" else previews.of(campaign, name, run_index)
-        return RedirectResponse(address("/run", c=shown.id, configuration=name, run=run_index), 303)
+        place = address("/run", c=shown.id, configuration=name, run=run_index)
+        return JSONResponse({"address": place}) if executes else RedirectResponse(place, 303)
 
     async def events(request: Request) -> Response:
         follower = Follower(await asyncio.to_thread(directories.find, name_of(request, "c")))
@@ -137,7 +152,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
 
     return [
         Route("/live", page),
-        Route("/live-run", run),
+        Route("/live-run", run, methods=["GET", "POST"]),
         Route("/api/events", events),
         Route("/api/stop", stop, methods=["POST"]),
     ]

@@ -3,20 +3,20 @@
 import asyncio
 import threading
 import weakref
-from collections.abc import Mapping
-from concurrent.futures import Future
-from functools import cached_property
+from collections import Counter
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.pages import ARRAYS, Pages, name_of, number_of
+from vastflow.flows.results.trust import NotPermitted
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, read_verdicts
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
@@ -25,6 +25,13 @@ from vastflow.tasks.engine.pool import Pool
 
 KEPT_RUNS: Final = 8
 """Runs whose compressed layers stay in memory, some megabytes each."""
+AT_ONCE: Final = 2
+"""Runs that are executed at the same time."""
+LOOK_S: Final = 0.25
+"""Time between two looks whether somebody still waits."""
+
+Run: TypeAlias = tuple[Path, str, int]
+"""Directory, configuration, and run index."""
 
 
 def _prepared() -> None:
@@ -32,42 +39,92 @@ def _prepared() -> None:
     import vastflow.deployments.explorer.layers  # noqa: F401
 
 
-def _layers(directory: Path, configuration: str, run_index: int) -> bytes:
+def _layers(*run: Any) -> bytes:
     from vastflow.deployments.explorer.layers import compressed_layers
 
-    return compressed_layers(directory, configuration, run_index)
+    return compressed_layers(*run)
 
 
 class KeptLayers:
-    """The layers of runs, executed in a process of their own; those of the last runs are kept."""
+    """The layers of runs, executed in processes of their own; those of the last runs are kept.
+
+    What is asked for waits its turn, however much is asked for, and is given up when nobody waits for it any more.
+    """
 
     def __init__(self) -> None:
-        self._asked: dict[tuple[Path, str, int], Future[bytes]] = {}
-        self._lock = threading.Lock()
+        self._asked: dict[Run, asyncio.Task[bytes]] = {}
+        self._waiting = Counter[Run]()
+        self._turns = asyncio.Semaphore(AT_ONCE)
+        self._idle: list[Pool] = []
+        # At the interpreter's exit the pools end by themselves, before finalizers could ask for it.
+        weakref.finalize(self, _close, self._idle).atexit = False
 
     def prepare(self) -> None:
-        """Start the process, so that it is ready when layers are asked for."""
-        with self._lock:
-            self._pool.prepare(_prepared)
+        """Start a process, so that it is ready when layers are asked for."""
+        if not self._asked:
+            pool = self._taken()
+            pool.prepare(_prepared)
+            self._idle.append(pool)
 
-    @cached_property
-    def _pool(self) -> Pool:
-        pool = Pool(1)
-        # At the interpreter's exit the pool ends by itself, before finalizers could ask for it.
-        weakref.finalize(self, pool.close).atexit = False
-        return pool
+    async def layers(self, run: Run, is_gone: Callable[[], Awaitable[bool]], consent: str | None = None) -> bytes:
+        """Return the compressed layers of a run.
 
-    def layers(self, directory: Path, configuration: str, run_index: int) -> "Future[bytes]":
-        """Return the compressed layers of a run; the future may raise `UnusableDirectory` or `WorkerDied`."""
-        key = directory, configuration, run_index
-        with self._lock:
-            known = self._asked.pop(key, None)
-            if known is None or (known.done() and known.exception()):
-                known = self._pool.submit(_layers, *key, priority=Priority.EXECUTE)
-            self._asked[key] = known
-            if len(self._asked) > KEPT_RUNS:
-                del self._asked[next(iter(self._asked))]
-            return known
+        Args:
+            consent: See `permitted_contents`.
+            is_gone: Tells whether the client has left.
+
+        Raises:
+            UnusableDirectory, NotPermitted: see `compressed_layers`.
+            WorkerDied: the execution ended its process.
+            HTTPException: the client has left.
+        """
+        task = self._asked.pop(run, None)
+        if task is None or (task.done() and (task.cancelled() or task.exception())):
+            task = asyncio.create_task(self._executed(run, consent))
+        self._asked[run] = task
+        ended = [each for each, other in self._asked.items() if other.done()]
+        for each in ended[: max(0, len(ended) - KEPT_RUNS)]:
+            del self._asked[each]
+        self._waiting[run] += 1
+        try:
+            while not task.done():
+                await asyncio.wait({task}, timeout=LOOK_S)
+                if not task.done() and await is_gone():
+                    raise HTTPException(503, "Nobody waits for this any more.")
+            return task.result()
+        finally:
+            self._waiting[run] -= 1
+            if not self._waiting[run]:
+                del self._waiting[run]
+                if not task.done():
+                    task.cancel()
+                    self._asked.pop(run, None)
+
+    async def _executed(self, run: Run, consent: str | None) -> bytes:
+        async with self._turns:
+            pool = self._taken()
+            try:
+                asked = pool.submit(_layers, *run, consent, priority=Priority.EXECUTE)
+                found: bytes = await asyncio.wrap_future(asked)
+            except asyncio.CancelledError:  # its process is not waited for either
+                threading.Thread(target=pool.close, daemon=True).start()
+                raise
+            except BaseException:
+                self._idle.append(pool)
+                raise
+            self._idle.append(pool)
+            return found
+
+    def _taken(self) -> Pool:
+        try:
+            return self._idle.pop()
+        except IndexError:
+            return Pool(1)
+
+
+def _close(pools: list[Pool]) -> None:
+    for pool in pools:
+        pool.close()
 
 
 def around_run(directory: Path, configuration: str, run_index: int) -> Mapping[str, Any]:
@@ -136,13 +193,18 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
 
     async def layers(request: Request) -> Response:
         campaign = await asyncio.to_thread(directories.find, name_of(request, "c"))
-        asked = kept.layers(campaign.path, name_of(request, "configuration"), number_of(request, "run"))
+        place = campaign.path, name_of(request, "configuration"), number_of(request, "run")
+        await request.body()  # only after it a client's end is heard
         try:
-            content = await asyncio.shield(asyncio.wrap_future(asked))  # another page may wait for it too
+            permit = request.query_params.get("permit") or None
+            content = await kept.layers(place, request.is_disconnected, permit)
+        except NotPermitted as error:
+            asks = {"named": error.code.named, "digest": error.code.digest}
+            return JSONResponse({"error": f"{error.code}.", "asks": asks}, 409)
         except WorkerDied as error:
             raise UnusableDirectory(f"This run can't be executed again: {error}.") from None
         except asyncio.CancelledError:
             raise HTTPException(503, "The explorer was ended.") from None
         return Response(content, media_type=ARRAYS, headers={"Content-Encoding": "gzip"})
 
-    return [Route("/run", run), Route("/api/frames", frames), Route("/api/layers", layers)]
+    return [Route("/run", run), Route("/api/frames", frames), Route("/api/layers", layers, methods=["POST"])]

@@ -1,5 +1,6 @@
 """The server: the pages' routes, behind the guard, on this machine."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Final
 
@@ -21,8 +22,8 @@ STATIC: Final = Path(__file__).with_name("static")
 PAGES: Final = (campaigns_page, campaign_page, comparison_page, live_page, run_page)
 
 
-def application(directories: Directories, token: str) -> Starlette:
-    """Return the explorer of some campaign directories, to which `token` admits."""
+def application(directories: Directories, token: str, once: Collection[str] = ()) -> Starlette:
+    """Return the explorer of some campaign directories, to which `token` admits, and each of `once` one browser."""
     pages = Pages()
 
     async def unusable(request: Request, error: Exception) -> Response:
@@ -42,7 +43,7 @@ def application(directories: Directories, token: str) -> Starlette:
     routes = [each for page in PAGES for each in page.routes(directories, pages)]
     return Starlette(
         routes=[*routes, Mount("/static", StaticFiles(directory=STATIC))],
-        middleware=[Middleware(Guard, token=token, refuse=pages.sentence)],
+        middleware=[Middleware(Guard, token=token, once=once, refuse=pages.sentence)],
         exception_handlers={
             NoSuchCampaign: unusable,
             UserError: unusable,

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from vastflow.flows.cli.consent import Trust, executing
 from vastflow.flows.cli.run import computing
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import check_writable, writing
@@ -23,6 +24,7 @@ def minimize(
         float, typer.Option(help="Failure rate from which a configuration fails, above 0 and below 1.")
     ] = 0.5,
     out: Out = None,
+    trust: Trust = False,
     as_json: AsJson = False,
 ) -> None:
     """Reduce a failing configuration to the smallest one that still fails.
@@ -37,7 +39,7 @@ def minimize(
         raise UserError(f"--rate: expected a failure rate above 0 and below 1, got {rate:g}")
     folder = out or results / "minimized" / configuration
     check_writable(folder, "--out")
-    with computing() as display:
+    with executing(results, trust), computing() as display:
         from vastflow.flows.minimization.minimize import minimize_configuration
 
         found = minimize_configuration(results, configuration, oracle=oracle, rate=rate, observer=display, **asked)

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from vastflow.flows.cli.consent import Trust
 from vastflow.flows.cli.run import Campaign, is_directory, requested
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, check_writable, writing
@@ -28,6 +29,7 @@ def plan(
     since: Annotated[
         Path | None, typer.Option(metavar="RESULTS", help="Campaign to compare with; default: the newest earlier one.")
     ] = None,
+    trust: Trust = False,
     as_json: AsJson = False,
 ) -> None:
     """Show what a run would do, without running it.
@@ -45,7 +47,7 @@ def plan(
         from vastflow.flows.terminal.display import printed
         from vastflow.sim.plug_ins.effects import looking_only
 
-        with requested(source, asked) as request, TemporaryDirectory(prefix="vastflow-") as environments:
+        with requested(source, asked, trust) as request, TemporaryDirectory(prefix="vastflow-") as environments:
             with looking_only():
                 found = plan_of(request, Path(environments), since or (source if is_directory(source) else None))
             for fault in found.unexecutable:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from vastflow.flows.cli.consent import Trust, executing
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, writing
 from vastflow.flows.terminal.options import AsJson, Out, ResultsFolder
@@ -66,6 +67,7 @@ def replay(
         typer.Option(metavar="FILE", help="Make a film too: .mp4 (H.264), or .gif of at most 1 MB."),
     ] = None,
     out: Out = None,
+    trust: Trust = False,
     as_json: AsJson = False,
 ) -> None:
     """Execute a recorded run again and draw it.
@@ -78,7 +80,7 @@ def replay(
     if film is not None and film.suffix.lower() not in KINDS:
         raise UserError(f"--film {film}: expected a file with the suffix {', '.join(KINDS)}")
     from vastflow.flows.results.provenance import origin_differences, versions
-    from vastflow.oracles.replay.recorded import recorded_run
+    from vastflow.oracles.replay.recorded import needs_code, recorded_run
     from vastflow.sim.replay import first_difference
     from vastflow.tasks.keys.keys import EXECUTE_SOURCE, numeric_class
     from vastflow.tasks.keys.source import installed_tree
@@ -98,7 +100,7 @@ def replay(
     differs = origin_differences(recorded.metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE))
     for words in differs:
         print(f"{title}: {words}; the run executed here may differ", file=sys.stderr)
-    with Interruptible("interrupted"):
+    with executing(results, trust, code=needs_code(recorded)), Interruptible("interrupted"):
         try:
             replayed, ticks = _executed(recorded, asked)
         except ValueError as error:  # a scenario of another version

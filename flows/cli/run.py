@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
+from vastflow.flows.cli.consent import Trust, executing
 from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
 from vastflow.flows.results.address import check_directory, meant_address
 from vastflow.flows.terminal.ending import FAULT, INTERRUPTED, Interruptible, check_writable
@@ -37,6 +38,7 @@ Campaign: TypeAlias = Annotated[
 def run(
     source: Campaign,
     asked: Mapping[str, Any],
+    trust: Trust = False,
     as_json: AsJson = False,
     open_report: Annotated[
         bool, typer.Option("--open", help="Open the report in the browser at the end, unless $CI is set.")
@@ -47,7 +49,7 @@ def run(
     Cached results are not computed again. A campaign directory is run again from its own inputs, with its number of runs and
     selection; the new directory is written beside it.
     """
-    with requested(source, asked) as request:
+    with requested(source, asked, trust) as request:
         run_and_show(request, as_json, open_report=open_report)
 
 
@@ -61,8 +63,8 @@ def is_directory(source: Path) -> bool:
 
 
 @contextmanager
-def requested(source: Path, asked: Mapping[str, Any]) -> Iterator[RunRequest]:
-    """Yield the request for a campaign file with options, or for a campaign directory as it was run."""
+def requested(source: Path, asked: Mapping[str, Any], trust: bool) -> Iterator[RunRequest]:
+    """Yield the request for a campaign file with options, or for a campaign directory as it was run, if the user permits that."""
     if not is_directory(source):
         yield asked_request(source, asked)
         return
@@ -85,7 +87,7 @@ def requested(source: Path, asked: Mapping[str, Any]) -> Iterator[RunRequest]:
     runs = f"{count_text(before.runs, 'run')} of each configuration{' at most' * before.sequential}"
     print(f"{title} from the inputs in {directory}, {runs}{only}", file=sys.stderr)
     selected = {name: getattr(before, name) for name in ("only", "sample", "as_v1")} | {"runs": before.fixed_runs}
-    with replica(directory, before) as laid_out:
+    with executing(directory, trust), replica(directory, before) as laid_out:
         places = {"results": directory.parent, "map_dir": laid_out.map_dir}
         yield asked_request(laid_out.file, {**asked, **selected, **places})
 

@@ -6,6 +6,7 @@ On standard input it gets a `Request` as JSON; what came of it goes to the file 
 import importlib.util
 import json
 import sys
+import sysconfig
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -90,7 +91,9 @@ class Request:
 def called(request: Request) -> tuple[bool, str]:
     """Run the plug-in; return its success and its message. Raises whatever its code raises."""
     file = Path(request.file)
-    sys.path[:0] = [str(file.parent), request.config]
+    installed = sysconfig.get_path("purelib")  # modules beside the plug-in come before these, and after Python's own
+    first = sys.path.index(installed) if installed in sys.path else len(sys.path)
+    sys.path[first:first] = [str(file.parent), request.config]
     offer()
     spec = importlib.util.spec_from_file_location(file.stem, file)
     if spec is None or spec.loader is None:

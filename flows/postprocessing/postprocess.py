@@ -5,7 +5,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -21,6 +20,7 @@ from vastflow.producers.campaign_file.postprocessing import CONFIG, ProcessingSt
 from vastflow.sim.model.digest import digest, file_digest
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.engine.engine import RunFault
+from vastflow.tasks.engine.process import own_environment, python_command
 
 FOLDER: Final = "postprocessing"
 STAGE: Final = "postprocessing"
@@ -161,7 +161,7 @@ def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
         answer = Path(aside) / "answer.json"
         class_name = step.name.rpartition(":")[2]
         request = Request(str(file), class_name, dict(step.parameters), str(copy), str(config), str(answer))
-        command = [sys.executable, "-m", "vastflow.flows.postprocessing.plug_in"]
+        command = python_command("vastflow.flows.postprocessing.plug_in")
         code, said = _process(command, copy, json.dumps(asdict(request)))
         if not answer.is_file():
             return False, f"its process {_ended(code, ' without an answer', said)}"
@@ -171,7 +171,7 @@ def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
 
 def _process(command: Sequence[str], folder: Path, request: str) -> tuple[int, str]:
     """Run a process with its children to the end; return exit code and last output."""
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**own_environment(), "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     with TemporaryDirectory(prefix="vastflow-") as aside, (Path(aside) / "log").open("wb+") as log:
         try:
             process = subprocess.Popen(

@@ -15,6 +15,7 @@ from typing import Any, Final
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import NewDirectory, new_directory
 from vastflow.flows.results.summary import Results
+from vastflow.flows.results.trust import remember_running
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.oracles.results.events import EVENTS, Event, EventName
@@ -80,6 +81,9 @@ class EventLog:
         asked = request.public().model_dump(mode="json", exclude_defaults=True)
         began = self._event("began", name=name, **places, request=asked, process=os.getpid(), host=platform.node())
         self._append([began])
+        shared = {name: asked[name] for name in ("store", "map_dir") if name in asked}
+        own = {name: each if "://" in str(each) else os.path.abspath(each) for name, each in shared.items()}
+        remember_running(self.directory.final, {**places, "request": {**asked, **own}})
         self._thread.start()
 
     def close(self, last: EventName, **values: Any) -> None:
@@ -90,6 +94,7 @@ class EventLog:
             self._over = True
         self._end.set()
         self._thread.join()
+        remember_running(self.directory.final, None)
         began_s = time.thread_time()
         events = self._changes(now=True)
         cost_s = round(self._cpu_s + time.thread_time() - began_s, 4)

@@ -12,6 +12,7 @@ from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.results import metadata_of, write_results
 from vastflow.flows.results.rows import KeptRows, StoredResult, copies_in
 from vastflow.flows.results.summary import Results, Summary
+from vastflow.flows.results.trust import remember_made
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.event_log import EventLog, ended
 from vastflow.flows.run.judged import Judged
@@ -67,6 +68,7 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: E
         computing.tally.begin("postprocessing")
         written = postprocessed(written, steps, run.campaign.path.parent)
     ended(log, written)
+    remember_made(written.directory)
     results = run.delivery.delivered(written)
     if run.delivery.address is None and not steps and not written.faults:
         seal(written.directory)

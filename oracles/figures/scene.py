@@ -21,7 +21,7 @@ from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.recording import run_of, si
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.chosen import drawn_parameters
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, masks_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
@@ -49,7 +49,7 @@ def zones_of(scenarios: Iterable[Scenario]) -> Zones:
     for scenario in scenarios:
         if scenario.system.keys().isdisjoint(MASK_KEYS):
             continue
-        masks = masks_of(scenario.system, parameters_of(scenario.system))
+        masks = masks_of(scenario.system, drawn_parameters(scenario.system))
         for mask, found in ((masks.keepout, keepout), (masks.speed, speed)):
             if mask is not None:
                 found[mask.digest] = mask

@@ -15,6 +15,9 @@ from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.model.files import read_json
 from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.plug_ins.loading import code_from, snapshot_behind
+from vastflow.sim.reading.checked import checked_of
+from vastflow.sim.scenario.programs.actions import PROCESSES
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,19 @@ def recorded_run(directory: Path, configuration: str, run_index: int) -> Recorde
         if missing := [key for key in ("name", "created", "vastflow", "versions", "host") if key not in metadata]:
             raise ValueError(f"metadata.json has no {', '.join(missing)}")
         return RecordedRun(name, scenario, recording, entropy[0], judgement, metadata)
+
+
+def needs_code(recorded: RecordedRun) -> bool:
+    """Whether executing a run may execute plug-ins or programs of the campaign; nothing is executed to tell."""
+    try:
+        with code_from(()):
+            checked = checked_of(recorded.scenario)
+    except ValueError:
+        return True
+    stack = checked.robot and checked.robot.parameters
+    parts = (stack.controller, stack.planner, stack.lidar_noise) if stack else ()
+    is_own = any(snapshot_behind(type(each)) for each in parts)  # known in this process from before
+    return is_own or checked.programs is not None or not checked.actions.isdisjoint(PROCESSES)
 
 
 def _recording(directory: Path, name: str, run_index: int) -> Recording:

@@ -21,7 +21,7 @@ from vastflow.sim.model.files import files_below, read_json
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.scenario import Scenario, setup_of
-from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.nav2.parameter_files.parameter_file import file_value, frozen, read_nav2_document
 from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.world.map_file import map_content
 
@@ -37,37 +37,52 @@ class KeptFiles:
     def __init__(self, directory: Path) -> None:
         self.inputs = directory / "inputs"
         self._environments = directory / "environments"
-        self._known: dict[str, Path] = {}
+        self._known: dict[str, FileContent] = {}
 
     def path(self, digest: str) -> Path:
-        """Path of the file with a digest.
+        """Path of the file with a digest; raises as `content` does."""
+        return Path(self.content(digest).path)
+
+    def content(self, digest: str) -> FileContent:
+        """Return the file with a digest, with the copies of the plug-ins that it names below `inputs`, and of no others.
 
         Raises:
             ValueError: there is none.
         """
         if digest not in self._known:
-            environment = self._environments / digest / "map.yaml"
-            if environment.is_file() and digest in _digests(environment):
-                self._known[digest] = environment
-            elif digest in self._found:
-                self._known[digest] = self._found[digest]
-            else:
+            map_file = self._environments / digest / "map.yaml"
+            contents = self._contents(map_file) if map_file.is_file() else ()
+            found = next((each for each in contents if each.digest == digest), None) or self._found.get(digest)
+            if found is None:
                 raise ValueError(f"no file has the digest {digest[:12]}… that the scenario names")
+            self._known[digest] = found
         return self._known[digest]
 
     @cached_property
-    def _found(self) -> Mapping[str, Path]:
+    def _found(self) -> Mapping[str, FileContent]:
         files = [file for folder in (self.inputs, self._environments) for file in files_below(folder)]
         named = self._environments / NAMED_FILES
         places = read_json(named) if named.is_file() else {}
         return {
             **{
-                digest: self._environments / place
+                digest: FileContent(str(self._environments / place), digest)
                 for digest, place in places.items()
                 if self._environments / place in files
             },
-            **{digest: file for file in files for digest in _digests(file)},
+            **{content.digest: content for file in files for content in self._contents(file)},
         }
+
+    def _contents(self, file: Path) -> Iterator[FileContent]:
+        """Yield a file as bytes, as a scenario file, as a map, and as Nav2 parameters, of which no plug-in is executed."""
+        yield FileContent(str(file), file_digest(file))
+        if file.suffix == ".osc":
+            with suppress(ValueError):
+                yield abstract_content(file)
+        if file.suffix in (".yaml", ".yml"):
+            with suppress(ValueError):
+                yield map_content(file)
+            with suppress(ValueError):
+                yield file_value(frozen(read_nav2_document(file), within=self.inputs))
 
 
 def configuration_row(directory: Path, configuration: str) -> Mapping[str, Any]:
@@ -109,22 +124,10 @@ def scenario_of_row(row: Mapping[str, Any], files: KeptFiles) -> Scenario:
     return Scenario(_value(abstract, files), row["timeout_s"], *parts)
 
 
-def _digests(file: Path) -> Iterator[str]:
-    """Digests of a file as bytes, as a scenario file, as a map, and as Nav2 parameters."""
-    yield file_digest(file)
-    if file.suffix == ".osc":
-        with suppress(ValueError):
-            yield abstract_content(file).digest
-    if file.suffix in (".yaml", ".yml"):
-        for content in (map_content, nav2_file):
-            with suppress(ValueError):
-                yield content(file).digest
-
-
 def _value(value: Any, files: KeptFiles) -> Any:
     if isinstance(value, dict):
         if set(value) == {"file"} and _DIGEST.fullmatch(str(value["file"])):
-            return FileContent(str(files.path(value["file"])), value["file"])
+            return files.content(value["file"])
         return {key: _value(item, files) for key, item in value.items()}
     return [_value(item, files) for item in value] if isinstance(value, list) else value
 

@@ -12,17 +12,32 @@ import importlib.machinery
 import importlib.metadata
 import importlib.util
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
 from vastflow.sim.model.digest import Value, digest, file_digest
 from vastflow.sim.plug_ins.effects import plug_in_code, watched
+from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot
 
 _PACKAGE: Final = "vastflow_plug_in_"
 _DIGITS: Final = 16
+
+_permitted: ContextVar[Collection[str] | None] = ContextVar("permitted", default=None)
+
+
+@contextmanager
+def code_from(contents: Collection[str]) -> Iterator[None]:
+    """Let the body open no plug-in with a file whose SHA-256 is not in `contents`: what others wrote, a user must have permitted."""
+    token = _permitted.set(contents)
+    try:
+        yield
+    finally:
+        _permitted.reset(token)
 
 
 def module_name(snapshot: Snapshot) -> str:
@@ -44,8 +59,15 @@ def module_of(snapshot: Snapshot) -> ModuleType:
 
 
 def open_package(snapshot: Snapshot) -> ModuleType:
-    """The package of a snapshot, its copies checked; nothing of the plug-in is executed yet."""
-    name = package_name(snapshot)
+    """The package of a snapshot, its copies checked; nothing of the plug-in is executed yet.
+
+    Raises:
+        PlugInError: a copy has changed, or `code_from` does not permit the plug-in.
+    """
+    name, permitted = package_name(snapshot), _permitted.get()
+    if permitted is not None and any(content not in permitted for content in snapshot.files.values()):
+        what = f"{str(snapshot.origin / snapshot.entry)!r} is code of others that you have not permitted"
+        raise PlugInError(what, "data alone, or your permission by --trust")
     if name not in sys.modules:
         snapshot.check()
         if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
@@ -58,8 +80,8 @@ def open_package(snapshot: Snapshot) -> ModuleType:
 def empty_module(snapshot: Snapshot) -> ModuleType:
     """Return the module for a plug-in's file that is no Python, such as a notebook; one a process."""
     name = module_name(snapshot)
+    open_package(snapshot)
     if name not in sys.modules:
-        open_package(snapshot)
         spec = importlib.machinery.ModuleSpec(name, SnapshotLoader(name, snapshot.file, snapshot))
         module = importlib.util.module_from_spec(spec)
         module.__file__ = str(snapshot.file)

@@ -8,6 +8,7 @@ that wait. One worker starts with the first unit, the others where it would take
 import functools
 import heapq
 import itertools
+import multiprocessing.resource_tracker
 import os
 import pickle
 import signal
@@ -23,8 +24,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import loky
+from loky.backend import resource_tracker
 
 from vastflow.tasks.engine.executor import PoolClosed, Priority, Shared, WorkerDied, end
+from vastflow.tasks.engine.process import SAFE_PATH, safe_path
 
 
 def cores() -> int:
@@ -51,6 +54,7 @@ WORKER_ENVIRONMENT: Final = {
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"),
     # Prepared maps are kept in a worker on purpose; loky would take 0.3 GB for a leak and begin anew.
     "LOKY_MAX_MEMORY_LEAK_SIZE": "4e9",
+    SAFE_PATH: "1",
 }
 
 
@@ -75,6 +79,9 @@ class _Lane:
         self.renew()
 
     def renew(self) -> None:
+        with safe_path():  # Python's and loky's processes that clean up after others
+            multiprocessing.resource_tracker.ensure_running()
+            resource_tracker.ensure_running()
         self.executor = loky.ProcessPoolExecutor(
             self.workers, initializer=_begin, initargs=(os.getpid(), self.log), env=WORKER_ENVIRONMENT
         )
@@ -240,6 +247,7 @@ class Pool:
 
 def _begin(parent: int, log: Path | None) -> None:
     """Start a worker: deaf to Ctrl-C, silent on the terminal, ended with its parent."""
+    os.environ.pop(SAFE_PATH, None)  # programs of runs are started as the user would
     # A handler and not SIG_IGN, which the programs of a run would inherit: then no SIGINT could end them.
     signal.signal(signal.SIGINT, lambda *_: None)
     if log is not None:

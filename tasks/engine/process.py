@@ -4,6 +4,7 @@ import ctypes
 import gc
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -57,6 +58,36 @@ def owns_process() -> bool:
     except RuntimeError:
         return True
     return False
+
+
+SAFE_PATH: Final = "PYTHONSAFEPATH"
+"""Variable that has the effect of `python -P`: nothing is imported from the working directory."""
+_HARMLESS: Final = ("PYTHONDONTWRITEBYTECODE", "PYTHONHASHSEED", "PYTHONIOENCODING", "PYTHONNOUSERSITE", "PYTHONUTF8")
+
+
+def python_command(module: str, *arguments: str) -> list[str]:
+    """Return the command of a module as a process of its own, which imports nothing from its working directory."""
+    return [sys.executable, "-P", "-m", module, *arguments]
+
+
+def own_environment() -> dict[str, str]:
+    """Return this process's environment without what lets a folder decide which code a Python process executes."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON") or name in _HARMLESS}
+    folders = [each for each in os.environ.get("PYTHONPATH", "").split(os.pathsep) if os.path.isabs(each)]
+    return kept | ({"PYTHONPATH": os.pathsep.join(folders)} if folders else {})
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Let processes that libraries start in the body import nothing from the working directory."""
+    if SAFE_PATH in os.environ:
+        yield
+        return
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop(SAFE_PATH, None)
 
 
 _THRESHOLDS: Final = (50_000, 20, 100)

@@ -6,7 +6,6 @@ import logging
 import os
 import secrets
 import subprocess
-import sys
 import threading
 import time
 import urllib.request
@@ -14,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from vastflow.tasks.engine.process import own_environment, python_command
 from vastflow.tasks.prefect.adapter import SERVER_SETTINGS, post
 
 STARTUP_S: Final = 120.0
@@ -60,7 +60,9 @@ class ApiServer:
         self._log = log
         # A random password, and no foreign origin.
         private = {AUTH: f"vastflow:{secrets.token_urlsafe(32)}", "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
-        self._environment = {**SERVER_SETTINGS, **os.environ, **private}
+        self._environment = {**SERVER_SETTINGS, **own_environment(), **private}
+        if home := os.environ.get("PREFECT_HOME"):
+            self._environment["PREFECT_HOME"] = os.path.abspath(os.path.expanduser(home))
         self.auth = self._environment[AUTH]
         self.answers = False
         self.lost = False
@@ -101,7 +103,8 @@ class ApiServer:
     def _started(self) -> "subprocess.Popen[bytes]":
         with open(self._log, "ab") as sink:
             return subprocess.Popen(
-                [sys.executable, "-m", "vastflow.tasks.prefect.api_server", str(self._port)],
+                python_command("vastflow.tasks.prefect.api_server", str(self._port)),
+                cwd=os.sep,  # Prefect reads settings in its working directory
                 stdin=subprocess.PIPE,  # never written: it ends when this process does
                 stdout=subprocess.PIPE,
                 stderr=sink,

@@ -84,7 +84,7 @@ export async function fetched(place, options) {
   });
   if (reply.ok) return reply;
   const told = await reply.json().catch(() => ({}));
-  throw new Error(told.error || `The explorer answered ${reply.status}.`);
+  throw Object.assign(new Error(told.error || `The explorer answered ${reply.status}.`), { asks: told.asks });
 }
 
 /**

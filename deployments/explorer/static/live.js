@@ -29,3 +29,16 @@ form.addEventListener("submit", async (event) => {
     showError($("end"), error);
   }
 });
+
+// Opening a run reads the campaign's file and its store, which no link does by itself.
+$("lost").addEventListener("click", async (event) => {
+  const link = /** @type {HTMLElement} */ (event.target).closest("a");
+  if (!link || $("state").textContent.includes("finished")) return;
+  event.preventDefault();
+  $("words").textContent = "Reading the run from the store …";
+  try {
+    location.assign((await (await fetched(link.href, { method: "POST" })).json()).address);
+  } catch (error) {
+    showError($("end"), error);
+  }
+});

@@ -189,7 +189,7 @@ class Player {
     const told = [];
     for (const side of this.sides.filter(({ view }) => view)) {
       try {
-        side.view.layers = new Layers(await fetchPacked(`/api/layers?${side.query}`));
+        side.view.layers = new Layers(await executed(side.query));
         const { activities, sentence, note } = side.view.layers.header;
         side.activities = activities;
         told.push(sentence && `${side.run.name}: ${sentence}`, note);
@@ -203,6 +203,15 @@ class Player {
     said.textContent = [...new Set(told)].filter(Boolean).join(" ");
     this.repaint();
   }
+}
+
+/** Execute a run; where it needs code of others, ask whether to permit that code as it is now. */
+async function executed(place, permit = "") {
+  const more = permit && `&permit=${permit}`;
+  return fetchPacked(`/api/layers?${place}${more}`, { method: "POST" }).catch((error) => {
+    if (!error.asks || permit || !confirm(`${error.message}\nExecute it, now and from now on?`)) throw error;
+    return executed(place, error.asks.digest);
+  });
 }
 
 async function sideOf(c, configuration, run) {

@@ -141,6 +141,14 @@ def parameters_of(system: Mapping[str, Value]) -> NavParameters:
     return _chosen(_system(system)).interpretation.parameters
 
 
+def drawn_parameters(system: Mapping[str, Value]) -> NavParameters:
+    """The parameters of a system without those of plug-ins in files, of which nothing is executed; raises as `parameters_of`."""
+    file = system.get(FILE_KEY)
+    named = [*system.values(), *(loaded(file).values.values() if isinstance(file, FileContent) else ())]
+    own = any(FILE in str(value) for value in named)  # others share what `parameters_of` made
+    return _chosen(replace(_system(system), drawn=own)).interpretation.parameters
+
+
 def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[str, ...]:
     """Keys of the system dimension that nothing in the simulator reads, sorted.
 
@@ -260,6 +268,7 @@ class _System:
 
     content: str
     values: Mapping[str, Value] = field(compare=False)
+    drawn: bool = False
 
 
 def _system(values: Mapping[str, Value]) -> _System:
@@ -281,7 +290,9 @@ def _chosen(system: _System) -> Chosen:
     changed, touched = rewritten(document, {key: value for key, value in keys.items() if key not in own})
     touched |= {key: _targets(document, key) for key in own}
     try:
-        return Chosen(interpretation(replace(changed, values={**changed.values, **_own_values(own)})), touched)
+        return Chosen(
+            interpretation(replace(changed, values={**changed.values, **_own_values(own)}), drawn=system.drawn), touched
+        )
     except FileError as error:
         raise FileError(_named(fault, touched) for fault in error.faults) from None
 

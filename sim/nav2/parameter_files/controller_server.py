@@ -60,7 +60,7 @@ def _controller(reader: Reader, used: Used) -> Parts:
     kind = reader.plug_in(CONTROLLER_PLUG_INS, foreign, path, default, used.listed)
     if kind is None:
         return {}
-    if not kind.__module__.startswith("vastflow."):
+    if kind is ParameterGroup or not kind.__module__.startswith("vastflow."):
         return {**parts, "controller": reader.own_group(kind, place, {(*place, "plugin"), path, *shimmed})}
     algorithm = short_name(plug_in_name(str(reader.asked[path]))).upper()
     reader.kinds[place] = algorithm

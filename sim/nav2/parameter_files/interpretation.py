@@ -104,17 +104,20 @@ class Interpretation:
     left_away: tuple[str, ...]
 
 
-def interpretation(document: ParameterDocument) -> Interpretation:
+def interpretation(document: ParameterDocument, *, drawn: bool = False) -> Interpretation:
     """Read a document into the stack's parameters.
 
     A parameter that a node leaves out is as in Nav2's code. Without the node `collision_monitor` there is none, as in
     Humble; without `velocity_smoother` only the actuators limit the commands. Other nodes that are left out, as the
     TurtleBot 4's file leaves out `amcl`, are as in Nav2 Jazzy's default file.
 
+    Args:
+        drawn: See `Reader`.
+
     Raises:
         FileError: every fault of the document.
     """
-    reader = Reader(document)
+    reader = Reader(document, drawn=drawn)
     parts: dict[str, Any] = {
         "perturbation": reader.group(Perturbation, ()),
         "robot": reader.group(RobotParameters, (ROBOT_KEY,)),
@@ -247,7 +250,8 @@ def _lidar_noise(reader: Reader) -> ParameterGroup:
     place = (*NOISE_PLACE, "model")
     chosen = reader.document.values.get(place, GAUSSIAN_DROPOUT)
     try:
-        kind = noise_of(chosen)
+        own = reader.drawn and isinstance(chosen, Sequence) and not isinstance(chosen, str)
+        kind = ParameterGroup if own else noise_of(chosen)
     except PlugInError as error:
         reader.fault(place, error.what, error.right)
         return GaussianDropoutParameters()

@@ -1,6 +1,7 @@
 """A Nav2 parameter file as a scenario's value: wildcards resolved, identified by its meaning, not its path."""
 
 import functools
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -102,16 +103,27 @@ def nav2_file(path: str | Path) -> FileContent:
     return file_value(document)
 
 
-def frozen(document: ParameterDocument) -> ParameterDocument:
-    """Return the document with the copies of its plug-ins that are run; omit plug-ins that can't be copied."""
+def frozen(document: ParameterDocument, within: Path | None = None) -> ParameterDocument:
+    """Return the document with the copies of its plug-ins that are run; omit plug-ins that can't be copied.
+
+    Args:
+        within: Folder that all of them must lie in; None for any.
+    """
     base = Path(document.file).parent
     plug_ins: dict[str, Snapshot] = {}
     for path, name in document.values.items():
         is_own = path[-1] in ("plugin", "primary_controller") and isinstance(name, str) and FILE in name
-        if is_own and is_file(file := plug_in_file(str(name), base)):
+        if not is_own or (within and not _lies_in(within, plug_in_file(str(name), base))):
+            continue
+        if is_file(file := plug_in_file(str(name), base)):
             with suppress(PlugInError):  # it is one of the faults of the document
                 plug_ins[str(name)] = snapshot_of(file, base)
     return replace(document, plug_ins=plug_ins)
+
+
+def _lies_in(folder: Path, file: Path) -> bool:
+    """Whether a file lies below a folder, as it is named, before that is followed, and without links."""
+    return all(Path(path(file)).is_relative_to(path(folder)) for path in (os.path.abspath, os.path.realpath))
 
 
 def file_value(document: ParameterDocument) -> FileContent:

@@ -44,6 +44,7 @@ class Reader:
     """Reads one document.
 
     Attributes:
+        drawn: Whether plug-ins in files are taken without their parameters, so that nothing of them is executed.
         asked: Paths of all parameters that are looked at, present or not, with the value that is taken.
         fields: Paths of those that are fields of a group, with the group's model and the field's name.
         kinds: Path of a group to what it is, for what of it is not asked for.
@@ -53,8 +54,9 @@ class Reader:
         faults: Everything wrong.
     """
 
-    def __init__(self, document: ParameterDocument) -> None:
+    def __init__(self, document: ParameterDocument, *, drawn: bool = False) -> None:
         self.document = document
+        self.drawn = drawn
         self.asked: dict[ParameterLocation, Value] = {}
         self.fields: dict[ParameterLocation, tuple[type[BaseModel], str]] = {}
         self.kinds: dict[ParameterLocation, str] = {}
@@ -146,6 +148,8 @@ class Reader:
             self.fault(listed, f"no {path[-1]!r} below {path[-2]!r}", right)
         elif name in foreign:
             self.fault(path, f"{name} is not modeled", f"a {noun} that is: {known}; {plug_ins.own}")
+        elif self.drawn and FILE in name:
+            return ParameterGroup
         else:
             try:
                 return plug_ins.parameters(name, Path(document.file).parent, document.plug_ins.get(name))
@@ -157,6 +161,8 @@ class Reader:
         self, kind: type[Group], place: ParameterLocation, others: Collection[ParameterLocation] = ()
     ) -> Group:
         """Read the parameters of a plug-in and of groups in them; report unknown ones as faults."""
+        if kind is ParameterGroup:
+            return kind()
         for path in self.document.below(place):
             name = path[len(place)]
             if name not in kind.model_fields and path not in others:

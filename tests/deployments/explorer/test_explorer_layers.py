@@ -1,12 +1,15 @@
 """Layers of runs against replays of them; what is refused; what is kept."""
 
+import asyncio
 import gzip
+import time
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from starlette.exceptions import HTTPException
 from synthetic import walled_room, write_map
 from unpacked import unpacked
 
@@ -119,47 +122,119 @@ def test_parts_share_ends_of_parts_before():
     np.testing.assert_array_equal(parts.whole[:4], path)
 
 
-class DonePool:
-    """A pool whose units are done when they are handed in."""
+class SlowPool:
+    """A pool whose units end when the test says so."""
 
-    def __init__(self, workers):
-        self.asked = []
+    def __init__(self, asked, workers):
+        assert workers == 1
+        self.asked, self.closed = asked, False
 
-    def submit(self, function, directory, configuration, run_index, priority):
-        self.asked.append((configuration, run_index))
-        done = Future()
+    def submit(self, function, directory, configuration, run_index, consent, priority):
+        self.asked[configuration, run_index] = self, (done := Future())
         if configuration == "broken":
             done.set_exception(WorkerDied("the worker process died 3 times"))
-        else:
+        elif configuration != "slow":
             done.set_result(gzip.compress(bytes(30), 1))
         return done
 
     def close(self):
-        pass
+        self.closed = True
 
 
 @pytest.fixture
-def kept(monkeypatch: pytest.MonkeyPatch) -> tuple[KeptLayers, list[tuple[str, int]]]:
-    """Layers that are done at once, and the runs that were executed."""
-    pool = DonePool(1)
-    monkeypatch.setattr(run_page, "Pool", lambda workers: pool)
-    return KeptLayers(), pool.asked
+def kept(monkeypatch: pytest.MonkeyPatch):
+    """Kept layers, and what was executed: configuration and run to pool and future."""
+    asked = {}
+    monkeypatch.setattr(run_page, "Pool", lambda workers: SlowPool(asked, workers))
+    monkeypatch.setattr(run_page, "LOOK_S", 0.01)
+    return KeptLayers(), asked
+
+
+async def stays():
+    return False
+
+
+async def leaves():
+    return True
+
+
+async def turns(n=20):
+    for _ in range(n):
+        await asyncio.sleep(0)
 
 
 def test_kept_layers_execute_a_run_once(kept, tmp_path: Path):
     layers, executed = kept
-    assert layers.layers(tmp_path, "a", 0).result() == layers.layers(tmp_path, "a", 0).result()
-    assert executed == [("a", 0)]
-    for run in range(1, 10):
-        layers.layers(tmp_path, "a", run)
-    layers.layers(tmp_path, "a", 9)
-    layers.layers(tmp_path, "a", 0)  # which was forgotten
-    assert executed == [*[("a", run) for run in range(10)], ("a", 0)]
+
+    async def asked():
+        first, again = [await layers.layers((tmp_path, "a", 0), stays) for _ in range(2)]
+        assert (first, list(executed)) == (again, [("a", 0)])
+        for run in range(1, 10):
+            await layers.layers((tmp_path, "a", run), stays)
+        executed.clear()
+        await layers.layers((tmp_path, "a", 9), stays)
+        await layers.layers((tmp_path, "a", 0), stays)  # which was forgotten
+        assert list(executed) == [("a", 0)]
+
+    asyncio.run(asked())
 
 
 def test_kept_layers_ask_again_after_an_error(kept, tmp_path: Path):
     layers, executed = kept
-    for _ in range(2):
-        with pytest.raises(WorkerDied, match="the worker process died 3 times"):
-            layers.layers(tmp_path, "broken", 0).result()
-    assert len(executed) == 2
+
+    async def asked():
+        for _ in range(2):
+            executed.clear()
+            with pytest.raises(WorkerDied, match="the worker process died 3 times"):
+                await layers.layers((tmp_path, "broken", 0), stays)
+            assert list(executed) == [("broken", 0)]
+
+    asyncio.run(asked())
+
+
+def test_two_runs_are_executed_at_a_time_and_none_that_waits_is_forgotten(kept, tmp_path: Path):
+    layers, executed = kept
+
+    async def asked():
+        waiting = [asyncio.create_task(layers.layers((tmp_path, "slow", run), stays)) for run in range(20)]
+        await turns()
+        for run in range(20):
+            await turns()
+            assert len(executed) == min(run + 2, 20)
+            executed["slow", run][1].set_result(str(run).encode())
+            await asyncio.wait({waiting[run]}, timeout=60)
+        assert [await each for each in waiting] == [str(run).encode() for run in range(20)]
+
+    asyncio.run(asked())
+
+
+def test_300_clients_that_left_delay_nobody(kept, tmp_path: Path):
+    layers, executed = kept
+
+    async def asked():
+        waiting = [asyncio.create_task(layers.layers((tmp_path, "slow", run), leaves)) for run in range(300)]
+        await asyncio.wait(waiting, timeout=60)
+        assert {type(each.exception()) for each in waiting} == {HTTPException}
+        await turns()
+        assert list(executed) == [("slow", 0), ("slow", 1)]
+        assert len(await asyncio.wait_for(layers.layers((tmp_path, "a", 0), stays), 60)) > 0
+
+    asyncio.run(asked())
+    for pool, _ in list(executed.values())[:2]:
+        deadline_s = time.monotonic() + 60
+        while not pool.closed and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+        assert pool.closed  # what nobody waits for is ended
+
+
+def test_execution_goes_on_while_one_of_its_clients_waits(kept, tmp_path: Path):
+    layers, executed = kept
+
+    async def asked():
+        left = asyncio.create_task(layers.layers((tmp_path, "slow", 0), leaves))
+        stayed = asyncio.create_task(layers.layers((tmp_path, "slow", 0), stays))
+        await asyncio.wait({left}, timeout=60)
+        executed["slow", 0][1].set_result(b"whole")
+        assert (await stayed, type(left.exception())) == (b"whole", HTTPException)
+
+    asyncio.run(asked())

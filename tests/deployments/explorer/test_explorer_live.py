@@ -9,14 +9,16 @@ from datetime import UTC, datetime, timedelta
 from urllib.parse import parse_qsl
 
 import pytest
+from hostile import executed, unfinished_stranger
 from room import SMALL_ROOM, drawn_room
 from table import each_row
 
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.live import MOST_FAILED, MOST_RECENT, LiveCampaign
 from vastflow.deployments.explorer.live_page import Follower
+from vastflow.flows.results.trust import remember_running
 from vastflow.oracles.results.events import _LOOKS, EVENTS, Event
-from vastflow.oracles.results.unfinished import STOP, WRITER, writer
+from vastflow.oracles.results.unfinished import STOP, WRITER, final_of, writer
 
 BEGAN = datetime(2026, 11, 21, 6, 0, 0, tzinfo=UTC)
 NAME = "office-2026-11-21-060000"
@@ -227,9 +229,19 @@ def test_run_needs_an_index(client, add_campaign, id_of, run):
     assert (reply.status_code, "run: expected a" in reply.text) == (400, True)
 
 
-def test_run_reports_campaign_without_request(client, running, id_of):
+def test_link_to_a_run_of_an_unfinished_campaign_reads_no_store(client, running, id_of):
     reply = client.get("/live-run", params={"c": id_of(running()), "configuration": "room-1", "run": "0"})
-    assert (reply.status_code, "events don&#39;t tell how it was begun" in reply.text) == (409, True)
+    assert (reply.status_code, "its live page opens its runs" in reply.text) == (409, True)
+
+
+def test_nothing_that_an_unfinished_campaign_names_is_believed(client, results, id_of, tmp_path):
+    place = unfinished_stranger(results, tmp_path / "canary")
+    asked = {"c": id_of(place), "configuration": "room", "run": "0"}
+    for path in ("/", "/live", "/campaign", "/live-run"):
+        client.get(path, params=asked)
+    reply = client.post("/live-run", params=asked, headers=OWN)
+    assert (reply.status_code, "expected a campaign that you began on this machine" in reply.text) == (409, True)
+    assert executed(tmp_path / "canary") == []
 
 
 @pytest.mark.slow
@@ -240,12 +252,13 @@ def test_run_of_running_campaign_is_shown_from_the_store(client, results, runnin
     told = {"name": "office", "file": str(tmp_path / "room.vast"), "folder": str(tmp_path), "request": request}
     place = running()
     (place / EVENTS).write_bytes(event("began", **told).line)
+    remember_running(final_of(place), {**told, "request": {**request, "store": str(tmp_path / "store")}})
     asked = {"c": id_of(place), "configuration": "room-2", "run": "1"}
-    assert "not all of these runs are judged yet" in client.get("/live-run", params=asked).text
+    assert "not all of these runs are judged yet" in client.post("/live-run", params=asked, headers=OWN).text
     command = [sys.executable, "-m", "vastflow.flows.cli", "run", "room.vast", "--store", "store", "--results", "other"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=600)
-    reply = client.get("/live-run", params=asked)
-    assert reply.status_code == 303, reply.text
-    id = dict(parse_qsl(reply.headers["location"].partition("?")[2]))["c"]
+    reply = client.post("/live-run", params=asked, headers=OWN)
+    assert reply.status_code == 200, reply.text
+    id = dict(parse_qsl(reply.json()["address"].partition("?")[2]))["c"]
     assert client.get("/").text.count("<tr>") == 2  # it is not listed
     assert client.get("/compare", params={"a": id, "b": id}).status_code == 400  # which found it

@@ -2,14 +2,19 @@
 
 import os
 import shutil
+import stat
 
 import pytest
+from starlette.testclient import TestClient
 from table import each_row
 
-from vastflow.deployments.explorer.serving import LOOPBACK, listen
+from vastflow.deployments.explorer.directories import Directories
+from vastflow.deployments.explorer.server import application
+from vastflow.deployments.explorer.serving import LOOPBACK, listen, redirect_page
 from vastflow.sim.model.faults import UserError
 
 TOKEN = "a-token-of-the-tests"
+PLACE = "http://127.0.0.1:8000"
 
 
 def test_token_becomes_a_strict_cookie_and_leaves_the_address(stranger):
@@ -31,9 +36,33 @@ def test_wrong_token_is_refused_despite_the_cookie(client):
     assert client.get("/?token=other").status_code == 403
 
 
-def test_cookies_of_two_explorers_have_two_names(client):
-    (name,) = client.cookies
-    assert TOKEN not in name
+def test_cookies_are_bound_to_the_server_by_name_and_content(client, results):
+    other = TestClient(application(Directories([results]), TOKEN), PLACE, follow_redirects=False)
+    other.get("/", params={"token": TOKEN})
+    ((name, content),), ((its_name, its_content),) = client.cookies.items(), other.cookies.items()
+    assert name != its_name and content != its_content and TOKEN not in name + content
+    alone = TestClient(application(Directories([results]), TOKEN), PLACE, follow_redirects=False)
+    for given in (content, its_content, TOKEN):
+        assert alone.get("/", headers={"cookie": f"{name}={given}; {its_name}={given}"}).status_code == 403
+    elsewhere = {"host": "127.0.0.1:8001", "cookie": f"{name}={content}"}
+    assert client.get("/", headers=elsewhere).status_code == 403
+
+
+def test_token_of_the_redirect_page_is_good_for_one_exchange(results):
+    app = application(Directories([results]), TOKEN, ["once"])
+    first, second = (TestClient(app, PLACE, follow_redirects=False) for _ in range(2))
+    reply = first.get("/?token=once&f=1", headers={"sec-fetch-site": "cross-site"})
+    assert (reply.status_code, reply.headers["refresh"]) == (200, "0; url=/?f=1")
+    assert first.get("/").status_code == 200
+    assert [each.get("/?token=once").status_code for each in (first, second)] == [403, 403]
+
+
+def test_browser_is_given_a_page_that_only_its_user_can_read(tmp_path):
+    page = redirect_page(tmp_path, "http://127.0.0.1:8000/?token=secret")
+    assert stat.S_IMODE(page.stat().st_mode) == 0o600
+    assert "url=http://127.0.0.1:8000/?token=secret" in page.read_text()
+    with pytest.raises(FileExistsError, match="exists"):
+        redirect_page(tmp_path, "http://127.0.0.1:8000/")
 
 
 @each_row(

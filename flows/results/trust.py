@@ -1,0 +1,195 @@
+"""Code of others: what executing a campaign directory executes, and whether this user made or permitted it.
+
+Nothing in a directory counts as proof. Records lie in the user's state folder, under the digest of all that would be executed.
+"""
+
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import platformdirs
+
+from vastflow.oracles.results.schema import table_rows
+from vastflow.oracles.results.unusable import reading
+from vastflow.producers.campaign_file.postprocessing import RECORDED, UNTOUCHED
+from vastflow.sim.model.digest import digest, file_digest
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.files import MOST_TEXT_BYTES, json_value, read_bytes, read_json, read_text, yaml_value
+from vastflow.sim.scenario.programs.actions import PROCESSES
+
+_CAMPAIGN: Final = "campaign.vast"
+_ROWS: Final = "configurations.parquet"
+_INPUTS: Final = "inputs"
+_EXECUTED: Final = (_CAMPAIGN, "metadata.json", _ROWS, _INPUTS, "environments")
+"""What an execution reads beside recordings."""
+_DATA: Final = frozenset(
+    {
+        *(".yaml", ".yml", ".pgm", ".png", ".bmp", ".json", ".csv", ".osc", ".vast"),
+        *(".fpm", ".fpm2", ".variation", ".stl", ".npy"),
+    }
+)
+_PERMITTED: Final = "permitted"
+_RUNNING: Final = "running"
+_SHOWN: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignCode:
+    """What executing a campaign directory may execute.
+
+    Attributes:
+        named: Plug-ins, notebooks, scripts, and programs; empty where the directory has nothing but data.
+        digest: Of everything that decides what is executed.
+        contents: SHA-256 of each file in `inputs/`.
+    """
+
+    directory: str
+    named: tuple[str, ...] = ()
+    digest: str = ""
+    contents: frozenset[str] = field(default=frozenset(), repr=False)
+
+    def __str__(self) -> str:
+        more = f", and {len(self.named) - _SHOWN} more" if len(self.named) > _SHOWN else ""
+        listed = ", ".join(self.named[:_SHOWN]) + more
+        return f"{self.directory} would execute code that you neither made nor permitted: {listed} (digest {self.digest[:12]})"
+
+
+class NotPermitted(UserError):
+    """Code of others that the user has not permitted."""
+
+    def __init__(self, code: ForeignCode) -> None:
+        super().__init__(f"{code}; expected your permission: --trust")
+        self.code = code
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return NotPermitted, (self.code,)
+
+
+def foreign_code(directory: Path) -> ForeignCode:
+    """Return what executing a campaign directory may execute; raises `UnusableDirectory` for links, pipes, and damage."""
+    with reading(directory):
+        files = [each for name in _EXECUTED for each in _files(directory / name)]
+        places = {path.relative_to(directory).as_posix(): path for path in files}
+        inputs = {place: path for place, path in places.items() if place.startswith(f"{_INPUTS}/")}
+        named = [place for place, path in inputs.items() if _is_code(path)]
+        named += _programs(directory)
+        if not named:
+            return ForeignCode(str(directory))
+        known = {place: file_digest(path) for place, path in places.items()}
+        contents = frozenset(known[place] for place in inputs)
+        return ForeignCode(str(directory), tuple(named), digest("executed", known), contents)
+
+
+def _files(place: Path) -> Iterator[Path]:
+    try:
+        mode = os.lstat(place).st_mode
+    except FileNotFoundError:
+        return
+    if stat.S_ISDIR(mode):
+        for name in sorted(os.listdir(place)):
+            yield from _files(place / name)
+    elif stat.S_ISREG(mode):
+        yield place
+    else:
+        raise ValueError(f"{place.name}: expected a file or a folder, got a link, a pipe, or a device")
+
+
+def _is_code(path: Path) -> bool:
+    """Whether a file may be executed, or starts programs as a scenario."""
+    if path.suffix not in _DATA:
+        return True
+    if path.stat().st_size > MOST_TEXT_BYTES:  # which nothing reads as a scenario
+        return False
+    content = read_bytes(path)
+    return any(name.encode() in content for name in PROCESSES)
+
+
+def _programs(directory: Path) -> Iterator[str]:
+    """Name commands of the campaign file, and programs of its scenarios."""
+    campaign = yaml_value(read_text(directory / _CAMPAIGN))
+    execution = campaign.get("execution") or {}
+    for name in ("pre_command", "post_command"):
+        if execution.get(name):
+            yield f"{name} {str(execution[name])[:100]!r}"
+    for step in (campaign.get("results_processing") or {}).get("postprocessing") or ():
+        yield from (f"postprocessing by {name}" for name in step if name not in {*RECORDED, *UNTOUCHED})
+    rows = table_rows(directory / _ROWS, "scenario") if (directory / _ROWS).is_file() else []
+    if any(json_value(row["scenario"]).get("programs") for row in rows):
+        yield "programs of its scenarios"
+
+
+def permitted_contents(directory: Path, consent: str | None = None) -> frozenset[str]:
+    """Return the digests of files whose code may be executed for a directory.
+
+    Args:
+        consent: Digest of the code that the user permits now, and from now on; empty for whatever it is.
+
+    Raises:
+        NotPermitted: there is code that the user neither made nor permitted.
+    """
+    code = foreign_code(directory)
+    if code.named and not _is_own(_state() / _PERMITTED / code.digest):
+        if consent not in ("", code.digest):
+            raise NotPermitted(code)
+        _remember(_PERMITTED, code.digest, {"permitted": code.directory})
+    return code.contents
+
+
+def remember_made(directory: Path) -> None:
+    """Record that this user made a campaign directory, so that executing it again asks nothing."""
+    with suppress(UserError):
+        if (code := foreign_code(directory)).named:
+            _remember(_PERMITTED, code.digest, {"made": code.directory})
+
+
+def remember_running(directory: Path, began: Mapping[str, Any] | None) -> None:
+    """Record how this user began the campaign of a directory; None when it has ended."""
+    _remember(_RUNNING, _name_of(directory), began)
+
+
+def running_as(directory: Path) -> Mapping[str, Any] | None:
+    """Return how this user began the campaign of a directory; None if another did."""
+    record = _state() / _RUNNING / _name_of(directory)
+    with suppress(OSError, ValueError):
+        found = read_json(record) if _is_own(record) else None
+        return found if isinstance(found, dict) else None
+    return None
+
+
+def _name_of(directory: Path) -> str:
+    return hashlib.sha256(os.fsencode(directory.resolve())).hexdigest()
+
+
+def _state() -> Path:
+    return platformdirs.user_state_path("vastflow")
+
+
+def _is_own(record: Path) -> bool:
+    """Whether a record is a file of this user's, in a folder that nobody else can write or read."""
+    try:
+        folder, file = os.lstat(record.parent), os.lstat(record)
+    except OSError:
+        return False
+    is_private = all(each.st_uid == os.getuid() and not each.st_mode & 0o077 for each in (folder, file))
+    return is_private and stat.S_ISDIR(folder.st_mode) and stat.S_ISREG(file.st_mode)
+
+
+def _remember(kind: str, name: str, content: Mapping[str, Any] | None) -> None:
+    """Write or remove a record; without one the user is asked again."""
+    folder = _state() / kind
+    with suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not stat.S_ISDIR(os.lstat(folder).st_mode):
+            return
+        folder.chmod(0o700)
+        (folder / name).unlink(missing_ok=True)
+        if content is not None:
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+            with os.fdopen(os.open(folder / name, flags, 0o600), "w", encoding="ascii") as file:
+                json.dump(content, file)

@@ -1,0 +1,49 @@
+"""Pages of hostile campaign directories: they are drawn, nothing of them is executed, and an execution is permitted first."""
+
+import pytest
+from hostile import executed, stranger
+from unpacked import unpacked
+
+from vastflow.flows.results.trust import foreign_code
+
+OWN = {"origin": "http://127.0.0.1:8000"}
+RUN = {"configuration": "room", "name": "room", "run": "0"}
+
+
+@pytest.fixture
+def foreign(results, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return stranger(results, tmp_path / "canary")
+
+
+def test_no_page_of_a_foreign_campaign_executes_its_plug_ins(client, results, foreign, id_of, tmp_path):
+    other = stranger(results, tmp_path / "canary", day=21)
+    asked = {"c": id_of(foreign), "a": id_of(foreign), "b": id_of(other), **RUN}
+    pages = ("/", "/campaign", "/run", "/configuration", "/compare", "/live", "/live-run")
+    views = ("frames", "layers", "summary", "facets", "rows", "points", "table", "configuration")
+    replies = {path: client.get(path, params=asked).status_code for path in (*pages, *(f"/api/{v}" for v in views))}
+    assert executed(tmp_path / "canary") == []
+    shown = ("/", "/campaign", "/run", "/configuration", "/compare", "/api/frames")
+    assert {path: replies[path] for path in shown} == dict.fromkeys(shown, 200)
+    assert replies["/api/layers"] == 405
+
+
+def test_page_of_a_foreign_run_shows_the_robot(client, foreign, id_of):
+    header, _ = unpacked(client.get("/api/frames", params={"c": id_of(foreign), **RUN}).content)
+    assert header["robot"]["radius_m"] > 0.1
+
+
+@pytest.mark.slow
+def test_execution_names_the_code_and_waits_for_permission(client, foreign, id_of, tmp_path):
+    asked = {"c": id_of(foreign), **RUN}
+    for permit in ("", "0" * 64):
+        reply = client.post("/api/layers", params={**asked, "permit": permit}, headers=OWN)
+        assert (reply.status_code, reply.json()["asks"]["named"]) == (409, ["inputs/my_pursuit.py"])
+        assert "would execute code that you neither made nor permitted" in reply.json()["error"]
+    assert executed(tmp_path / "canary") == []
+    digest = reply.json()["asks"]["digest"]
+    assert digest == foreign_code(foreign).digest
+    assert client.post("/api/layers", params={**asked, "permit": digest}).status_code == 403  # from another page
+    reply = client.post("/api/layers", params={**asked, "permit": digest}, headers=OWN)
+    assert (reply.status_code, len(executed(tmp_path / "canary"))) == (200, 1)
+    assert client.post("/api/layers", params=asked, headers=OWN).status_code == 200

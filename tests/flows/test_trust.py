@@ -1,0 +1,186 @@
+"""Code of others: nothing of a directory is executed to read it, and executing it needs a record of this user's."""
+
+import json
+import os
+import shutil
+import stat
+import sys
+from dataclasses import replace
+
+import pytest
+from command_line import called, refused
+from hostile import executed, stranger
+
+from vastflow.flows.results import trust
+from vastflow.flows.results.trust import NotPermitted, foreign_code, permitted_contents, remember_made
+from vastflow.oracles.results.unusable import UnusableDirectory
+from vastflow.sim.plug_ins.loading import code_from, module_of
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.snapshot import snapshot_of
+from vastflow.tasks.engine.process import own_environment, python_command
+
+
+@pytest.fixture
+def state(tmp_path, monkeypatch):
+    """The user's state folder, which is empty at first."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path / "state" / "vastflow" / "permitted"
+
+
+@pytest.fixture
+def canary(tmp_path):
+    return tmp_path / "canary"
+
+
+@pytest.fixture
+def foreign(tmp_path, canary, state):
+    return stranger(tmp_path / "results", canary)
+
+
+def test_commands_that_read_execute_nothing(foreign, tmp_path, canary):
+    assert called("show", foreign).exit_code == 0
+    assert called("compare", foreign, foreign, "--out", tmp_path / "compared").exit_code == 0
+    assert called("export", foreign, tmp_path / "exported").exit_code == 0
+    assert executed(canary) == []
+
+
+@pytest.mark.parametrize("command", [("replay", "DIRECTORY", "room", "0"), ("run", "DIRECTORY"), ("plan", "DIRECTORY")])
+def test_commands_that_execute_name_the_code_and_the_option_without_a_terminal(foreign, canary, command):
+    result = called(*(foreign if each == "DIRECTORY" else each for each in command))
+    words = result.stderr.splitlines()[-1]
+    assert (result.exit_code, "Traceback" in result.output) == (2, False)
+    assert "would execute code that you neither made nor permitted: inputs/my_pursuit.py" in words
+    assert "--trust" in words and foreign_code(foreign).digest[:12] in words
+    assert executed(canary) == []
+
+
+def test_minimize_executes_nothing_without_permission(foreign, canary):
+    assert "--trust" in refused("minimize", foreign, "room")
+    assert executed(canary) == []
+
+
+def test_permission_is_a_private_record_of_this_content_alone(foreign, state):
+    with pytest.raises(NotPermitted, match="expected your permission: --trust"):
+        permitted_contents(foreign)
+    with pytest.raises(NotPermitted, match="expected your permission"):
+        permitted_contents(foreign, "of something else")
+    digest = foreign_code(foreign).digest
+    contents = permitted_contents(foreign, digest)
+    assert permitted_contents(foreign) == contents != frozenset()
+    assert [stat.S_IMODE(os.lstat(each).st_mode) for each in (state, state / digest)] == [0o700, 0o600]
+    with (foreign / "inputs" / "my_pursuit.py").open("a") as file:
+        file.write("# edited\n")
+    with pytest.raises(NotPermitted, match=r"my_pursuit\.py"):
+        permitted_contents(foreign)
+
+
+@pytest.mark.parametrize(
+    "place", ["campaign.vast", "metadata.json", "configurations.parquet", "inputs/new.py", "environments/files.json"]
+)
+def test_an_edit_of_what_is_executed_asks_again(foreign, place):
+    remember_made(foreign)
+    permitted_contents(foreign)
+    with (foreign / place).open("ab") as file:
+        file.write(b"\n")
+    with pytest.raises((NotPermitted, UnusableDirectory), match=r"permission|damaged"):
+        permitted_contents(foreign)
+
+
+@pytest.mark.parametrize("spoiled", ["link", "open file", "open folder"])
+def test_a_record_that_others_may_have_made_is_no_proof(foreign, state, tmp_path, spoiled):
+    remember_made(foreign)
+    record = state / foreign_code(foreign).digest
+    if spoiled == "link":
+        record.rename(tmp_path / "elsewhere")
+        record.symlink_to(tmp_path / "elsewhere")
+    else:
+        (record if spoiled == "open file" else state).chmod(0o777)
+    with pytest.raises(NotPermitted, match="neither made nor permitted"):
+        permitted_contents(foreign)
+
+
+def test_a_record_is_not_written_through_a_link(foreign, state, tmp_path):
+    state.mkdir(mode=0o700, parents=True)
+    (state / foreign_code(foreign).digest).symlink_to(tmp_path / "target")
+    (tmp_path / "target").write_text("kept")
+    remember_made(foreign)
+    assert (tmp_path / "target").read_text() == "kept"
+    permitted_contents(foreign)
+
+
+@pytest.mark.parametrize("kind", ["link", "folder", "pipe"])
+def test_inputs_that_are_no_files_are_refused(foreign, tmp_path, kind):
+    place = foreign / "inputs" / "more.py"
+    if kind == "pipe":
+        os.mkfifo(place)
+    else:
+        place.symlink_to(tmp_path if kind == "folder" else foreign / "metadata.json")
+    with pytest.raises(UnusableDirectory, match="expected a file or a folder, got a link, a pipe, or a device"):
+        permitted_contents(foreign, "")
+
+
+def test_data_alone_asks_nothing(tmp_path, canary, state):
+    plain = stranger(tmp_path / "results", canary, plug_in=False)
+    assert (foreign_code(plain).named, permitted_contents(plain)) == ((), frozenset())
+    assert not state.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("execution: {pre_command: ./evil.sh}", "pre_command './evil.sh'"),
+        ('execution: {"post\\x5fcommand": ./evil.sh}', "post_command './evil.sh'"),
+        ("results_processing: {postprocessing: [command: {script: evil}]}", "postprocessing by command"),
+    ],
+)
+def test_programs_of_the_campaign_file_are_named(tmp_path, canary, state, text, named):
+    plain = stranger(tmp_path / "results", canary, plug_in=False)
+    (plain / "campaign.vast").write_text(f"version: 1\n{text}\n")
+    assert foreign_code(plain).named == (named,)
+
+
+def test_scenario_that_starts_programs_is_named(tmp_path, canary, state):
+    plain = stranger(tmp_path / "results", canary, plug_in=False)
+    (plain / "inputs" / "room.osc").write_text("scenario a:\n    do serial:\n        run_process('evil')\n")
+    assert foreign_code(plain).named == ("inputs/room.osc",)
+
+
+def test_code_is_opened_only_if_its_content_is_permitted(foreign, canary):
+    inputs = foreign / "inputs"
+    snapshot = snapshot_of(inputs / "my_pursuit.py", inputs)
+    with code_from(()), pytest.raises(PlugInError, match="code of others that you have not permitted"):
+        module_of(snapshot)
+    assert executed(canary) == []
+    with code_from(permitted_contents(foreign, "")):
+        assert module_of(replace(snapshot, campaign=foreign)).__name__.endswith("my_pursuit")
+    assert len(executed(canary)) == 1
+
+
+def test_children_are_shaped_by_no_working_directory(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(["", "here", "/there"]))
+    monkeypatch.setenv("PYTHONSTARTUP", "evil.py")
+    monkeypatch.setenv("PYTHONUTF8", "1")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "kept")
+    found = own_environment()
+    assert (found["PYTHONPATH"], found["PYTHONUTF8"], found["AWS_SECRET_ACCESS_KEY"]) == ("/there", "1", "kept")
+    assert "PYTHONSTARTUP" not in found
+    assert python_command("a.b", "c") == [sys.executable, "-P", "-m", "a.b", "c"]
+
+
+def test_a_running_campaign_is_known_by_this_users_record_alone(tmp_path, state):
+    directory = tmp_path / "results" / "a-2026-11-20-060000"
+    assert trust.running_as(directory) is None
+    trust.remember_running(directory, {"file": "/a.vast"})
+    assert trust.running_as(directory) == {"file": "/a.vast"}
+    (record,) = (state.parent / "running").iterdir()
+    assert stat.S_IMODE(record.stat().st_mode) == 0o600
+    record.write_text(json.dumps([]))
+    assert trust.running_as(directory) is None
+    trust.remember_running(directory, None)
+    assert list((state.parent / "running").iterdir()) == []
+
+
+def test_permission_goes_with_the_content_to_another_folder(foreign, tmp_path):
+    remember_made(foreign)
+    shutil.copytree(foreign, tmp_path / "moved")
+    assert permitted_contents(tmp_path / "moved") == permitted_contents(foreign)
