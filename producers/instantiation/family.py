@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -26,7 +27,7 @@ from vastflow.producers.catalog.parameter import ParameterVariationList
 from vastflow.producers.constraints.constraint import Constraint, read_constraints, unknown_names
 from vastflow.producers.instantiation.family_checks import DataFlow, Link, constraint_faults
 from vastflow.producers.instantiation.instantiate import Family
-from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.configuration import Fragment, Partial
 from vastflow.producers.model.faults import NOT_EXECUTED, Location, path_text, shown
 from vastflow.producers.model.producer import (
     ROOM_KEY,
@@ -36,8 +37,9 @@ from vastflow.producers.model.producer import (
     find_producer,
     may_list_obstacles,
 )
-from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY, MapSearch
-from vastflow.producers.places.start_check import room_m
+from vastflow.producers.places.fixed_poses import pose_complaints
+from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY, MapSearch, occupancy_of
+from vastflow.producers.places.start_check import is_of_footprint, room_m, stops_of
 from vastflow.producers.places.stops import GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Fault, FileError, Place, parted
@@ -157,6 +159,8 @@ class FamilyReader:
         elif not own:
             if self._abstract:
                 self._note_unread(flow, tags, system, self._abstract)
+                if self._abstract.in_world and self._refuse_empty:
+                    self._check_poses(flow, Partial(name, values, tags), system, start_check)
             self._note_remarks(links)
             self.faults += constraint_faults(family, refuse_empty=self._refuse_empty)
         return family
@@ -166,6 +170,33 @@ class FamilyReader:
         self.faults += flow.mission_faults(self._abstract) if self._abstract else ()
         for constraint in constraints:
             self.faults += unknown_names(self._document, constraint, {*self._system, *flow.written})
+
+    def _check_poses(
+        self, flow: DataFlow, fixed: Partial, system: Mapping[str, Value], start_check: StartCheckKind
+    ) -> None:
+        """Fixed poses that suit no configuration are faults, or warnings where the family asks for no start check.
+
+        That is looked at where the map is fixed, too; path producers keep a given start and given goals.
+        """
+        drawn = [each.producer for each in flow.links]
+        written = {key for producer in drawn for key in producer.writes if key not in producer.reads}
+        map_file = fixed.values.get(MAP_KEY)
+        if not isinstance(map_file, FileContent) or any(MAP_KEY in producer.writes for producer in drawn):
+            return
+        kept = {key: value for key, value in fixed.values.items() if key not in written}
+        stops = dict(stops_of(replace(fixed, values=kept)))
+        radius_m = 0.0
+        if not any(is_of_footprint(key) for producer in drawn for key in producer.writes):
+            with suppress(FileError):  # said already
+                parameters = parameters_of(system)
+                radius_m = min(inscribed_radius_of(parameters), robot_of(parameters).radius_m)
+        for name, what, right in pose_complaints(occupancy_of(map_file), stops, radius_m) if stops else ():
+            key, _, index = name.rstrip("]").partition("[")
+            where = (*flow.fixed[key], *([int(index)] if index else []))
+            if start_check == "none":
+                self.notes.append(self._document.note("warning", where, what, right))
+            else:
+                self._fault(where, what, right)
 
     def _note_remarks(self, links: Sequence[Link]) -> None:
         for link in links:

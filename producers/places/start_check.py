@@ -52,7 +52,7 @@ class StartCheck:
             or (tag or DIMENSION_OF_KEY.get(key)) in ("environment", "task")
             or key == START_KEY
             or key.startswith(GOAL_KEY)
-            or _is_of_footprint(key)
+            or is_of_footprint(key)
             for key, tag in producer.writes.items()
             if key != ROOM_KEY
         )
@@ -61,10 +61,10 @@ class StartCheck:
         """Why the robot can't begin or end there; None where it can."""
         partial = replace(partial, values={**partial.values, **self._overrides}) if self._overrides else partial
         map_file = partial.values.get(MAP_KEY)
-        stops = dict(_stops(partial))
+        stops = dict(stops_of(partial))
         if not stops or not isinstance(map_file, FileContent):
             return None
-        system = {key: value for key, value in partial.values.items() if _is_of_footprint(key)}
+        system = {key: value for key, value in partial.values.items() if is_of_footprint(key)}
         standing = [*_standing(partial)] if START_KEY in stops else []
         poses = {key: pose.value() for key, pose in stops.items()}
         content = canonical([map_file, poses, system, [*map(str, standing)]])
@@ -108,9 +108,9 @@ def room_m(values: Mapping[str, Value], producers: Iterable[Producer[Any]]) -> f
 
     That is so for what is fixed and for what producers write that read nothing, such as a list of radii.
     """
-    widest = {key: value for key, value in values.items() if _is_of_footprint(key)}
+    widest = {key: value for key, value in values.items() if is_of_footprint(key)}
     for producer in producers:
-        keys = [key for key in producer.writes if _is_of_footprint(key)]
+        keys = [key for key in producer.writes if is_of_footprint(key)]
         if not keys or producer.reads:
             continue
         for item in islice(producer.produce({}, draws_of(producer, {})), MOST_VALUES):
@@ -137,11 +137,11 @@ def _size(value: Value) -> float:
         return -math.inf
 
 
-def _is_of_footprint(key: str) -> bool:
+def is_of_footprint(key: str) -> bool:
     return key in (FILE_KEY, CONTROLLER_KEY) or key.rpartition(".")[2] in FOOTPRINT_NAMES
 
 
-def _stops(partial: Partial) -> Iterator[tuple[str, Pose]]:
+def stops_of(partial: Partial) -> Iterator[tuple[str, Pose]]:
     """Yield key and pose of the start, the goals and other poses of the task.
 
     Goals are `goal_pose` and `goal_poses`. One of `goal_pose1` and so on counts if it is tagged as the task's: that they are goals is
