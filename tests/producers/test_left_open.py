@@ -45,7 +45,7 @@ Load = Callable[..., Campaign]
 @pytest.fixture
 def load(tmp_path: Path) -> Load:
     def load_text(parameters: str, own: str = "", execution: str = "") -> Campaign:
-        write_map(tmp_path)
+        write_map(tmp_path, columns=60, rows=40)
         (tmp_path / "go.osc").write_text(SCENARIO.format(parameters=own))
         (tmp_path / "c.vast").write_text(FILE.format(parameters=parameters, execution=execution))
         return load_campaign(tmp_path / "c.vast")
