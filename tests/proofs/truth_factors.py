@@ -91,8 +91,14 @@ def _count(found: Counts, what: str, kind: str, is_so: bool) -> None:
     times[1] += 1
 
 
-def _analyzed(rows: Sequence[dict[str, Any]], failed: NDArray[np.int64], units: NDArray[np.int64]) -> FactorAnalysis:
-    found = factor_analysis(factors_of(rows)[0], 5 - failed, np.full(len(rows), 5), units)
+def _analyzed(
+    rows: Sequence[dict[str, Any]],
+    failed: NDArray[np.int64],
+    units: NDArray[np.int64],
+    sets: NDArray[np.int64] | None = None,
+) -> FactorAnalysis:
+    of = None if sets is None else {"a": sets}
+    found = factor_analysis(factors_of(rows)[0], 5 - failed, np.full(len(rows), 5), units, sets=of)
     assert found is not None
     return found
 
@@ -110,7 +116,7 @@ def units(rng: np.random.Generator, found: Counts, paths: int, maps: int, levels
     failed = rng.binomial(5, np.clip(0.5 + slope * (level / (levels - 1) - 0.5), 0, 1))
     of = units_of([_scenario(m, p) for p, m, _ in places])
     assert of.noun == responds
-    (effect,) = _analyzed([{"a": f"l{k}"} for k in level], failed, of.codes).factors
+    (effect,) = _analyzed([{"a": f"l{k}"} for k in level], failed, of.codes, path * maps + place).factors
     _count(found, f"claimed for other {of.others}", "false", effect.others.shown)
 
 
