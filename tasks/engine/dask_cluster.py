@@ -288,7 +288,7 @@ class DaskCluster:
             script = f"from {dask_worker.__name__} import serve; serve({number})"
             with open(self._log or os.devnull, "ab") as log:
                 self._server = subprocess.Popen(
-                    [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log
+                    [sys.executable, "-P", "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log
                 )
             self._security = Security.temporary()  # else every user of this machine may run code as this one
             assert self._server.stdin is not None
