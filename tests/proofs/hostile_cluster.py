@@ -150,7 +150,7 @@ class HostileCluster:
         executor = DaskCluster(str(self.file), open_store(self.folder / "store"), _Nothing(), lambda notice: None)
         outcome = executor.submit(len, "ab", priority=Priority.EXECUTE)
         try:
-            outcome = outcome.exception(30) or outcome.result()
+            outcome = outcome.exception(120) or outcome.result()
         except TimeoutError as error:
             outcome = error
         time.sleep(1.0)  # what comes beside the result
