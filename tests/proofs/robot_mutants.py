@@ -1,6 +1,6 @@
-"""Break the robot on purpose, one value or sign at a time, and count the mutants that the quick tests of `tests/sim` find.
+"""Count the defects of a robot broken on purpose that quick tests find.
 
-Each mutant is one replacement in a copy of the checkout. Its tests run until the first that fails, those that compile least first. Kernels
+The tests are those of `tests/sim`. Each mutant is one replacement in a copy of the checkout. Its tests run until the first that fails, those that compile least first. Kernels
 are compiled anew for each, in a cache of its own that is removed afterwards. At the end the tests that found a mutant run without
 one, and have to pass.
 

@@ -87,7 +87,7 @@ STACKS: Final[Mapping[str, NavParameters]] = {
 
 
 class Golden(NamedTuple):
-    """How a run ends.
+    """End of a run.
 
     Attributes:
         digest: First digits of its digest.
