@@ -11,6 +11,7 @@ from pydantic import Field
 from vastflow.oracles.catalog.performance import arc_lengths_m
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
 from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.observation.goals import missed_goals
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Reference, Trace
 
@@ -67,7 +68,7 @@ class Navigation(Oracle[NavigationParameters]):
     """Measures only: passes every run, so that joint verdicts do not change.
 
     l is the length of the reference path (`vastflow.oracles.observation.observe`) and p the true path driven, in m; S is 1 where the mission
-    succeeded and gave no goal up, else 0.
+    succeeded and missed no goal, else 0.
 
     Metrics:
     - `spl` (1): S l / max(p, l), whose mean over runs is the success weighted by path length of Anderson et al., "On evaluation of
@@ -104,7 +105,7 @@ class Navigation(Oracle[NavigationParameters]):
         metrics: dict[str, float | None] = {"recoveries": trace.run.recoveries}
         if not len(trace):
             return self.passed(trace, **metrics)
-        arrived = trace.run.outcome == "succeeded" and not trace.run.missed_goals
+        arrived = trace.run.outcome == "succeeded" and not missed_goals(trace, situation)
         driven_m = float(arc_lengths_m(trace.xy_m)[-1])
         if isinstance(trace.reference, Reference) and trace.reference.length_m > 0:
             best_m = trace.reference.length_m

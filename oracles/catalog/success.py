@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
 from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.observation.goals import missed_goals
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Trace
 
@@ -14,7 +15,7 @@ class SuccessParameters(Parameters):
     """Parameters of `success`.
 
     Attributes:
-        allow_missed: Let a waypoint mission pass that gave goals up along the route. Nav2's own action succeeds then.
+        allow_missed: Let a mission pass that gave up or never passed goals along the route. Nav2's own action succeeds then.
     """
 
     allow_missed: bool = False
@@ -23,7 +24,8 @@ class SuccessParameters(Parameters):
 class Success(Oracle[SuccessParameters]):
     """Passes where the scenario succeeded and its missions reached every goal.
 
-    The paper takes Nav2's action result as the initial criterion of success. A contact does not fail it.
+    The paper takes Nav2's action result as the initial criterion of success. A contact does not fail it, and an error of
+    localization alone does not, see `missed_goals`.
 
     Metrics: `final_distance` (m), distance of the true final position, not the estimate, to the last goal;
     `time` (s), simulated, from the run's start to the scenario's end; `distance` (m), true path driven; `recoveries` and
@@ -45,18 +47,19 @@ class Success(Oracle[SuccessParameters]):
         if len(trace) and situation.goals:
             (x_m, y_m), goal = trace.xy_m[-1], situation.goals[-1]
             final_distance_m = math.hypot(x_m - goal.x_m, y_m - goal.y_m)
-        has_robot = "t_s" in trace.columns
+        has_robot, missed = "t_s" in trace.columns, missed_goals(trace, situation)
         metrics: dict[str, float | None] = {
             "final_distance": final_distance_m,
             "time": run.simulated_s,
             "distance": run.distance_m if has_robot else None,
             "recoveries": run.recoveries if has_robot else None,
-            "missed_goals": run.missed_goals if has_robot else None,
+            "missed_goals": missed if has_robot else None,
         }
         if run.outcome != "succeeded":
             why = f": {run.reason}" if run.reason else ""
             what = "mission" if situation.goals else "scenario"
             return self.failed(trace, f"{what} {run.outcome.replace('_', ' ')}{why}", **metrics)
-        if run.missed_goals and not self.parameters.allow_missed:
-            return self.failed(trace, f"gave up {run.missed_goals} of {len(situation.goals)} goals", **metrics)
+        if missed and not self.parameters.allow_missed:
+            what = "gave up" if run.missed_goals else "never passed"
+            return self.failed(trace, f"{what} {missed} of {len(situation.goals)} goals", **metrics)
         return self.passed(trace, **metrics)

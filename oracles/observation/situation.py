@@ -21,6 +21,7 @@ class Situation:
         obstacles: Objects that are not on the robot's map; those with a trigger may never appear. Spawned ones are in `Run.entities`.
         inscribed_radius_m: Of the body in the section `robot`, else of the local costmap's footprint.
         circumscribed_radius_m: Of the robot's body.
+        passed: The goals that a mission through poses passes by, in order.
     """
 
     start: Pose | None
@@ -28,6 +29,7 @@ class Situation:
     obstacles: tuple[Obstacle, ...]
     inscribed_radius_m: float = TURTLEBOT_4_RADIUS_M
     circumscribed_radius_m: float = TURTLEBOT_4.radius_m
+    passed: tuple[Pose, ...] = ()
 
 
 def situation_of(scenario: Scenario) -> Situation:
@@ -41,4 +43,4 @@ def situation_of(scenario: Scenario) -> Situation:
         return Situation(None, script.goals, script.obstacles)
     parameters = drawn_parameters(scenario.system)
     radii_m = inscribed_radius_of(parameters), robot_of(parameters).radius_m
-    return Situation(script.start, script.goals, script.obstacles, *radii_m)
+    return Situation(script.start, script.goals, script.obstacles, *radii_m, script.passed)

@@ -112,6 +112,7 @@ class Script:
         start: Where the robot stands at first: the scenario's `start_pose`, else where `init_nav2` puts it; None without a robot.
         goals: Of the navigation actions in the order they are written, repeated by their loops, as far as they are known
             before a run.
+        passed: The goals among them that a mission through poses passes by, and that every run visits that succeeds.
         rounds: How often the goals are visited in turn.
         obstacles: What stands there, or appears, whatever the scenario does; entities it spawns itself are not among them.
         topics: What its `bag_record`s name; None where there are none, where one names none and so all, or where only a
@@ -122,6 +123,7 @@ class Script:
     values: Mapping[str, Any]
     start: Pose | None
     goals: tuple[Pose, ...]
+    passed: tuple[Pose, ...]
     rounds: int
     obstacles: tuple[Obstacle, ...]
     topics: tuple[str, ...] | None
@@ -140,8 +142,8 @@ def script_of(scenario: Scenario) -> Script:
         definition, given = sent_to_each(definition, given, keys)
     overrides = overrides_of(definition, given)
     values = bound(definition, overrides)
-    start, goals, rounds = None, [], 1
-    bags = []
+    start, goals, passed, rounds = None, [], [], 1
+    bags, always = [], frozenset(map(id, _always_called(definition.root)))
     calls = tuple(calls_of(definition.root))
     _one_robot(calls)
     for call in calls:
@@ -153,6 +155,9 @@ def script_of(scenario: Scenario) -> Script:
             stops = [_pose(stop) for stop in (found if isinstance(found, list) else [found])]
             again = int(_argument(call, "loop_count", values) or 0)
             goals += [stop for stop in stops if stop] * (1 + again)
+            if kind == "nav_through_poses" and id(call) in always:
+                accepted = _argument(call, "success_on_acceptance", values)
+                passed += [] if accepted else [stop for stop in stops[:-1] if stop]
             rounds = max(rounds, 1 + again)
         elif kind == "bag_record":
             bags.append(_argument(call, "topics", values))
@@ -160,7 +165,7 @@ def script_of(scenario: Scenario) -> Script:
         start = pose_of(given[START_KEY], START_KEY)
     standing = {key: value for key, value in scenario.environment.items() if key not in overrides}
     topics = tuple(str(topic) for bag in bags for topic in bag) if bags and all(bags) else None
-    return Script(definition, values, start, tuple(goals), rounds, obstacles_of(standing), topics)
+    return Script(definition, values, start, tuple(goals), tuple(passed), rounds, obstacles_of(standing), topics)
 
 
 def overrides_of(definition: ScenarioDefinition, given: Mapping[str, Value]) -> dict[str, Any]:
@@ -194,6 +199,18 @@ def is_optional_list(parameter: Field) -> bool:
 def calls_of(root: Behavior) -> Iterator[Call]:
     """Yield every call of an action, in the order of the file."""
     return (behavior for behavior in behaviors_of(root) if isinstance(behavior, Call))
+
+
+def _always_called(behavior: Behavior) -> Iterator[Call]:
+    """Yield the calls that succeeded in every scenario that did."""
+    match behavior:
+        case Call():
+            yield behavior
+        case Composition(kind="serial" | "parallel", children=children):
+            for child in children:
+                yield from _always_called(child)
+        case Modified(modifier="timeout" | "repeat" | "retry", child=child):
+            yield from _always_called(child)
 
 
 def _one_robot(calls: Sequence[Call]) -> None:

@@ -2,6 +2,8 @@
 
 import contextlib
 import math
+import re
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 from yaml.nodes import MappingNode
 
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.files import Missing, Unreadable, read_picture, read_text, yaml_node, yaml_value
+from vastflow.sim.model.files import Missing, Unreadable, read_bytes, read_picture, read_text, yaml_node, yaml_value
 from vastflow.sim.model.pose import DECIMALS, MOST_YAW_RAD, GridFrame
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
@@ -20,6 +22,8 @@ LEAST_CELL_M: Final = 1e-4
 LARGEST_CELL_M: Final = 100.0
 FARTHEST_M: Final = 1e7
 """Greatest distance of the origin: beyond, rounding loses a millimeter."""
+
+_PGM_HEADER_BYTES: Final = 4096
 
 MODES: Final = ("trinary", "scale", "raw")
 
@@ -147,7 +151,7 @@ def _picture(path: Path, image: str) -> tuple[NDArray[np.uint8], NDArray[np.bool
     """Read gray values (H, W), row 0 at the top, and opaque pixels; None where all are."""
     file = path.parent / image
     try:
-        picture = read_picture(file)
+        picture, content = read_picture(file), read_bytes(file)
     except Missing:
         raise MissingMap(f"{path}: image: no file {str(file)!r}; the picture lies relative to the YAML file") from None
     except Unreadable as error:
@@ -158,8 +162,34 @@ def _picture(path: Path, image: str) -> tuple[NDArray[np.uint8], NDArray[np.bool
     if picture.mode.startswith("I"):  # 16 bits a pixel
         return (np.asarray(picture).astype(np.int64) // 257).astype(np.uint8), None
     if picture.mode in ("1", "L"):
-        return np.asarray(picture.convert("L")), None
-    return _luma(np.asarray(picture.convert("RGB"))), None
+        return _pgm_shades(np.asarray(picture.convert("L")), content), None
+    return _luma(np.asarray(picture.convert("RGB"))), _bmp_opaque(content, picture.size)
+
+
+def _pgm_shades(gray: NDArray[np.uint8], content: bytes) -> NDArray[np.uint8]:
+    """Return gray values (H, W) as GraphicsMagick 1.3.40 has those of a PGM whose white is less than 255.
+
+    It scales to 16 bits by a whole factor, and those of a binary file by 255 / white once more.
+    """
+    words = re.sub(rb"#[^\n]*", b"", content[:_PGM_HEADER_BYTES]).split(None, 4)
+    kind, white = words[0], words[min(3, len(words) - 1)]
+    if kind not in (b"P2", b"P5") or not 1 < int(white) < 255:
+        return gray
+    levels = np.rint(gray / 255 * int(white)).astype(np.int64)
+    shades = levels * (65535 // int(white))
+    if kind == b"P5":
+        shades = np.minimum((2 * shades * 255 + int(white)) // (2 * int(white)), 65535)
+    return np.asarray(shades // 257, dtype=np.uint8)
+
+
+def _bmp_opaque(content: bytes, size: tuple[int, int]) -> NDArray[np.bool_] | None:
+    """Return the opaque pixels (H, W) of a BMP of 32 bits without masks, whose fourth byte Pillow drops."""
+    if content[:2] != b"BM" or content[14] < 40 or content[28:34] != struct.pack("<HI", 32, 0):
+        return None
+    start, height = struct.unpack_from("<I", content, 10)[0], struct.unpack_from("<i", content, 22)[0]
+    width = size[0]
+    alpha = np.frombuffer(content, np.uint8, 4 * width * abs(height), start).reshape(abs(height), width, 4)[..., 3]
+    return np.asarray(alpha[:: -1 if height > 0 else 1] == 255)
 
 
 def _luma(bands: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -10,6 +10,7 @@ from vastflow.oracles.catalog.navigation import spectral_arc_length, stops
 from vastflow.oracles.catalog.performance import path_rmse_m, resampled
 from vastflow.oracles.catalog.robustness import full_meters
 from vastflow.oracles.judgement.registry import OracleError, oracle_of
+from vastflow.oracles.observation.goals import missed_goals
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import NoReference, Reference, Trace
@@ -61,6 +62,37 @@ def test_success_judges_outcome(xy_m, given, judgement, reason):
     final_m = None if len(xy_m) == 0 else pytest.approx(xy_m[-1, 1], abs=1e-12)
     rest = {"time": 20.0, "distance": 10.0, "recoveries": 2, "missed_goals": given.get("missed", 0)}
     assert found[2] == {"final_distance": final_m, **rest}
+
+
+@each_row(
+    ("xy_m", "missed"),
+    [
+        ([[0, 0], [10, 0], [0, 0]], 0),
+        ([[0, 0], [9.1, 0], [0, 0]], 0),  # within 1 m
+        ([[0, 0], [8.9, 0], [0, 0]], 1),
+        ([[0, 0], [0, 0]], 1),  # the last goal is where the robot stands: Nav2 ends the mission at once
+    ],
+)
+def test_success_fails_mission_through_poses_that_passed_none_of_its_first_goals(xy_m, missed):
+    far, home = Pose(10.0, 0.0), Pose(0.0, 0.0)
+    situation = Situation(home, (far, home), (), passed=(far,))
+    xy, run = np.array(xy_m, dtype=float), Run(3, "0", "succeeded", 0, "", 0.2, 0.0, 0, 0, ())
+    trace = Trace(run, {"t_s": 0.1 * np.arange(len(xy)), "x_m": xy[:, 0], "y_m": xy[:, 1]}, STRAIGHT)
+    verdict = oracle_of("success", {}).judge(trace, situation)
+    assert (verdict.judgement, verdict.reason) == (("fail", "never passed 1 of 2 goals") if missed else ("pass", ""))
+    assert verdict.metrics["missed_goals"].value == missed
+    assert oracle_of("success", {"allow_missed": True}).judge(trace, situation).judgement == "pass"
+    efficient = oracle_of("navigation", {}).judge(trace, situation).metrics["spl"].value
+    assert efficient == 0.0 if missed else efficient > 0.0
+
+
+def test_goals_of_mission_through_poses_count_in_their_order():
+    first, second, home = Pose(10.0, 0.0), Pose(5.0, 0.0), Pose(0.0, 0.0)
+    run = Run(3, "0", "succeeded", 0, "", 0.2, 0.0, 0, 0, ())
+    xy = along()
+    trace = Trace(run, {"t_s": 0.1 * np.arange(len(xy)), "x_m": xy[:, 0], "y_m": xy[:, 1]}, STRAIGHT)
+    assert missed_goals(trace, Situation(home, (first, second, home), (), passed=(second, first))) == 0
+    assert missed_goals(trace, Situation(home, (first, second, home), (), passed=(first, second))) == 1
 
 
 # performance

@@ -2,6 +2,7 @@
 
 import io
 import math
+import struct
 from fractions import Fraction
 from pathlib import Path
 
@@ -101,6 +102,14 @@ def encoded(pixels, dtype=np.uint8, mode=None, form="png", palette=False):
     return found.getvalue()
 
 
+def bmp_32(alphas, height=1, masks=b""):
+    """A white picture of one column, with alphas from its bottom, or from its top if `height` is -1."""
+    pixels = b"".join(bytes([254, 254, 254, alpha]) for alpha in alphas)
+    head = struct.pack("<IiiHHIIiiII", 40, 1, height * len(alphas), 1, 32, 3 if masks else 0, len(pixels), 0, 0, 0, 0)
+    return b"BM" + struct.pack("<IHHI", 54 + len(masks + pixels), 0, 0, 54 + len(masks)) + head + masks + pixels
+
+
+MASKS = struct.pack("<III", 0xFF0000, 0xFF00, 0xFF)
 GRAYS = [[0, 205, 254]]
 OPAQUE = [[[0, 0, 0, 255], [0, 0, 0, 254], [255, 255, 255, 255], [255, 255, 255, 0]]]
 PGM_16 = b"P5\n3 1\n65535\n" + (np.array(GRAYS) * 257).astype(">u2").tobytes()
@@ -121,6 +130,13 @@ PGM_16 = b"P5\n3 1\n65535\n" + (np.array(GRAYS) * 257).astype(">u2").tobytes()
         (b"P5 # a comment\n2 # wide\n2 # high\n255\n\xfe\0\xcd\xfe", {}, [[-1, 0], [0, 100]]),
         (b"P5 2 2 255 \xfe\0\xcd\xfe", {}, [[-1, 0], [0, 100]]),
         (b"P2\n# text\n2 1\n255\n0 254\n", {}, [[100, 0]]),
+        # White is 100: 80 is cut to 203 of 255, and shades of a binary file are brightened twice.
+        (b"P2\n3 1\n100\n30 80 81\n", {"free_thresh": 0.202}, [[100, -1, 0]]),
+        (b"P5\n3 1\n100\n\x32\x1d\x0d", {}, [[0, -1, 100]]),
+        (bmp_32([255, 254, 0, 255]), {}, [[0], [-1], [-1], [0]]),
+        (bmp_32([255, 0, 0]), {}, [[0], [-1], [-1]]),
+        (bmp_32([255, 0, 0], height=-1), {}, [[-1], [-1], [0]]),
+        (bmp_32([0, 0], masks=MASKS), {}, [[0], [0]]),
     ],
 )
 def test_map_image_is_read_in_any_format_and_depth(write, tmp_path, content, changes, expected):

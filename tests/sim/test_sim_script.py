@@ -24,12 +24,37 @@ def test_missions_take_one_goal_and_those_through_poses_a_list(kind):
     script = a_script(kind, goal_pose=THERE)
     assert (script.start, script.goals, script.rounds) == (Pose(1, 2), (Pose(3, 4, 1),), 1)
     if kind != "navigate_to_pose":
-        assert a_script(kind, goal_poses=[THERE, HERE]).goals == (Pose(3, 4, 1), Pose(1, 2))
+        several = a_script(kind, goal_poses=[THERE, HERE])
+        assert several.goals == (Pose(3, 4, 1), Pose(1, 2))
+        assert several.passed == ((Pose(3, 4, 1),) if kind == "navigate_through_poses" else ())
 
 
 def test_waypoints_are_repeated_as_often_as_asked():
     script = a_script("follow_waypoints", goal_poses=[THERE, HERE], number_of_loops=2)
     assert (len(script.goals), script.rounds) == (6, 3)
+
+
+STEPS = {
+    "robot.nav_through_poses([beyond, near, beyond])": 2,
+    "robot.nav_through_poses([beyond, near, beyond]) with:\n            timeout(60s)": 2,
+    "robot.nav_through_poses([beyond, near, beyond], success_on_acceptance: true)": 0,
+    "robot.nav_through_poses([beyond, near, beyond]) with:\n            failure_is_success()": 0,
+    "one_of:\n            robot.nav_through_poses([beyond, near])\n            wait elapsed(1s)": 0,
+    "robot.follow_waypoints([beyond, near])": 0,
+    "robot.nav_to_pose(beyond)\n        robot.nav_to_pose(near)": 0,
+}
+
+
+@each_row(("steps", "passed"), STEPS.items())
+def test_goals_are_passed_where_every_run_that_succeeds_drives_through_them(steps, passed, tmp_path):
+    file = tmp_path / "go.osc"
+    file.write_text(
+        "import osc.helpers\nimport osc.nav2\nimport osc.ros\n\nscenario go:\n    robot: differential_drive_robot\n"
+        "    beyond: pose_3d = pose_3d(position_3d(3.0m, 4.0m))\n    near: pose_3d = pose_3d(position_3d(1.0m, 2.0m))\n"
+        f"    do serial:\n        {steps}\n"
+    )
+    found = script_of(Scenario(abstract_content(file), 60.0, {}, {"start_pose": HERE}, {}))
+    assert found.passed == (Pose(3.0, 4.0), Pose(1.0, 2.0))[:passed]
 
 
 def test_obstacles_exist_unless_scenario_spawns_them():
