@@ -50,13 +50,11 @@ class Source:
     """Source of a field in a parameter file; the field's own name and type by default.
 
     Attributes:
-        code: Default in Nav2's code, where it differs from that of Jazzy's parameter file.
         needs: Another field, the value without which this one has no effect, and why.
-        name: Parameter with the `texts` that stand for the field's values; Nav2's code takes the first.
+        name: Parameter with the `texts` that stand for the field's values.
         is_derived: True if the field follows from lists and classes, not from a parameter.
     """
 
-    code: Any = None
     needs: Needs = None
     name: str = ""
     texts: Mapping[str, Any] | None = None
@@ -67,11 +65,9 @@ _SOURCE: Final = "source"
 """Key in `json_schema_extra`."""
 
 
-def parameter(
-    default: Any, low: float | None = None, high: float | None = None, *, code: Any = None, needs: Needs = None
-) -> Any:
-    """Return a field of a `ParameterGroup` with an inclusive range; for `code` and `needs` see `Source`."""
-    return _field_from(Source(code, needs), default, low, high)
+def parameter(default: Any, low: float | None = None, high: float | None = None, *, needs: Needs = None) -> Any:
+    """Return a field of a `ParameterGroup` with an inclusive range; for `needs` see `Source`."""
+    return _field_from(Source(needs), default, low, high)
 
 
 def choice(default: Any, name: str, texts: Mapping[str, Any]) -> Any:

@@ -149,6 +149,11 @@ def drawn_parameters(system: Mapping[str, Value]) -> NavParameters:
     return _chosen(replace(_system(system), drawn=own)).interpretation.parameters
 
 
+def file_of(system: Mapping[str, Value]) -> Interpretation | None:
+    """Return the Nav2 parameter file of a system as it is read without the other keys; None without one."""
+    return _chosen(_system({FILE_KEY: system[FILE_KEY]})).interpretation if FILE_KEY in system else None
+
+
 def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[str, ...]:
     """Keys of the system dimension that nothing in the simulator reads, sorted.
 

@@ -8,10 +8,11 @@ from vastflow.sim.model.faults import ScenarioError, complaint
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.model.polygon import vertices_of
 from vastflow.sim.nav2.controllers.controller import Controller
+from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
 from vastflow.sim.nav2.parameter_files.nodes import FILTERS, LAYERS
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, is_group, written, written_plugins
-from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, global_costmap
+from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, global_costmap, local_costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
 KEEPOUT_KEY: Final = "keepout_mask"
@@ -56,7 +57,7 @@ def _filters(reader: Reader, node: ParameterLocation) -> dict[str, Any]:
             continue
         info = _info(reader, each.place, is_needed=field == "speed_filter")
         if info is not None:
-            found[field] = reader.instance_group(each, {name: (*info, name) for name in _INFO})
+            found[field] = reader.instance_group(each, {name: (*info, name) for name in _INFO}, ["filter info"])
     return found
 
 
@@ -109,16 +110,25 @@ _FIELDS: Final[Mapping[Any, str]] = {
 """Parameters of layers and filters to the fields of `Costmap` that have them."""
 
 
+_PASSING_M: Final = 2.0
+"""The `max_obstacle_height` of Nav2 Jazzy's file."""
+
+
 def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costmap]:
     given = {field: model(enabled=False) for model, field in _FIELDS.items()} | _filters(reader, node)
     if node[-2] == "global_costmap":
         given |= {name: getattr(global_costmap(), name) for name in OF_THE_MAP}
+    if node[-2] == "local_costmap":
+        reader.default_of(
+            (*node, "plugins"), declared_defaults()[node[-2]]["plugins"], ["voxel_layer", "inflation_layer"]
+        )
     layers = _layers(reader, node)
     _check_order(reader, list(layers.values()))
     for field, layer in layers.items():
         is_marking = field == "obstacle_layer"
         given[field] = _obstacle_layer(reader, layer) if is_marking else reader.instance_group(layer)
-    found = reader.group(Costmap, node, given=given)
+    shipped = global_costmap() if node[-2] == "global_costmap" else local_costmap()
+    found = reader.group(Costmap, node, given=given, left_out=shipped, kinds=[node[-2]])
     if not reader.faults and vertices_of(found.footprint):
         reader.leave((*node, "robot_radius"), "the polygon footprint replaces it")
     return {node[-2]: found}
@@ -166,13 +176,14 @@ def _sources(reader: Reader, place: ParameterLocation) -> list[ParameterLocation
 
 
 def _data_type(reader: Reader, source: ParameterLocation) -> object:
-    """Data type of a source; Nav2's code defaults to a point cloud."""
-    return reader.document.values.get((*source, "data_type"), "PointCloud2")
+    path = (*source, "data_type")
+    return reader.document.values.get(path, declared_defaults()["scan"][path[-1]].default)
 
 
 def _obstacle_layer(reader: Reader, layer: Instance) -> ObstacleLayer:
     """The layer with its laser scan; without any source it neither marks nor clears."""
-    place, given = layer.place, dict(layer.modeled.fixed)
+    place, given, declared = layer.place, dict(layer.modeled.fixed), declared_defaults()
+    reader.default_of((*place, "observation_sources"), declared["ObstacleLayer"]["observation_sources"], "scan")
     values, sources = reader.document.values, _sources(reader, place)
     cloud = next((source for source in sources if values.get((*source, "marking"), True) is True), None)
     if layer.kind == "SpatioTemporalVoxelLayer":
@@ -184,6 +195,7 @@ def _obstacle_layer(reader: Reader, layer: Instance) -> ObstacleLayer:
         elsewhere["footprint_clearing_enabled"] = (*place, "update_footprint_enabled")
         given |= {"marking": True, "clearing": True, "obstacle_min_range": 0.0}
         return reader.group(ObstacleLayer, place, elsewhere, given)
+    kinds = [layer.kind, "scan"]
     scan = next((source for source in sources if _data_type(reader, source) == "LaserScan"), None)
     for source in sources:
         if source != scan:
@@ -191,13 +203,22 @@ def _obstacle_layer(reader: Reader, layer: Instance) -> ObstacleLayer:
     if scan is not None:
         reader.plain((*scan, "data_type"), "LaserScan")
         reader.kinds[scan] = "scan"
+        for limited, kind, lost in ((scan, "scan", ("marking", "clearing")), (place, layer.kind, ("marking",))):
+            path = (*limited, "max_obstacle_height")
+            highest_m = values.get(path, reader.default_of(path, declared[kind][path[-1]], _PASSING_M))
+            if isinstance(highest_m, int | float) and highest_m <= 0.0:
+                reader.asked[path] = highest_m
+                given |= dict.fromkeys(lost, False)
+                what = f"max_obstacle_height is {highest_m:g}{'' if path in values else ' where it is left out'}"
+                reader.warnings[limited] = what, "nothing of the scan is marked, as no laser is that low"
+                reader.unused |= {(*scan, name): "max_obstacle_height lets nothing of the scan pass" for name in lost}
     elif cloud is not None:
         reader.unmodeled[cloud] = "a point cloud is read as the laser scan"
         given["clearing"] = any(values.get((*source, "clearing")) is True for source in sources)
     else:
         unused = ObstacleLayer(marking=False, clearing=False)
         given |= {name: getattr(unused, name) for name in OF_THE_SCAN}
-    return reader.group(ObstacleLayer, place, _in_source(scan or cloud or place), given)
+    return reader.group(ObstacleLayer, place, _in_source(scan or cloud or place), given, kinds=kinds)
 
 
 def _in_source(source: ParameterLocation) -> Mapping[str, ParameterLocation]:
@@ -215,7 +236,9 @@ def written_costmap(name: str, costmap: Costmap) -> Values:
     layers = {"voxel_layer" if voxels and field == "obstacle_layer" else field: groups[field] for field in groups}
     place = (*node, "voxel_layer" if voxels else "obstacle_layer")
     if costmap.obstacle_layer.enabled:
-        values |= {(*place, "observation_sources"): "scan", (*place, "scan", "data_type"): "LaserScan"}
+        scan = (*place, "scan")
+        values |= {(*place, "observation_sources"): "scan", (*scan, "data_type"): "LaserScan"}
+        values[(*scan, "max_obstacle_height")] = _PASSING_M
     values |= written_plugins(node, LAYERS, layers, _in_source((*place, "scan")))
     for field, group in filters.items():
         topic = f"{name}_{field}_info"
