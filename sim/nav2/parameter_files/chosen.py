@@ -20,7 +20,7 @@ from vastflow.sim.model.parameter import ParameterLocation, complaint
 from vastflow.sim.model.polygon import as_array, vertices_of
 from vastflow.sim.nav2.costmaps.outline import outline_of, padded_outline
 from vastflow.sim.nav2.parameter_files.controller_server import primary_controller, written_controller
-from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by
+from vastflow.sim.nav2.parameter_files.costmaps import LAUNCH_WORDS, MASK_KEYS, filtered_by
 from vastflow.sim.nav2.parameter_files.document import EXPONENT, PARAMETERS, ParameterDocument, dotted
 from vastflow.sim.nav2.parameter_files.findings import nav2_names
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, document_of, interpretation
@@ -289,6 +289,9 @@ def _chosen(system: _System) -> Chosen:
         if not isinstance(content, FileContent):
             raise _error(FILE_KEY, f"got {shown(content)}", f"a file, which execution.{FILE_KEY} names")
         document = loaded(content)
+    masked = {path: word for path, word in document.values.items() if isinstance(word, str) and word in LAUNCH_WORDS}
+    replaced = {path: LAUNCH_WORDS[word] in system.values for path, word in masked.items()}
+    document = replace(document, values={**document.values, **replaced}) if replaced else document
     if CONTROLLER_KEY in system.values:
         document = with_controller(document, system.values[CONTROLLER_KEY])
     own = {key: value for key, value in keys.items() if _own_paths(key)}

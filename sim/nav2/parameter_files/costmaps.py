@@ -10,7 +10,7 @@ from vastflow.sim.model.polygon import vertices_of
 from vastflow.sim.nav2.controllers.controller import Controller
 from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
-from vastflow.sim.nav2.parameter_files.nodes import FILTERS, LAYERS
+from vastflow.sim.nav2.parameter_files.nodes import FILTERS, LAYERS, LAYERS_AND_FILTERS
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, is_group, written, written_plugins
 from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, global_costmap, local_costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
@@ -19,6 +19,9 @@ KEEPOUT_KEY: Final = "keepout_mask"
 SPEED_KEY: Final = "speed_mask"
 MASK_KEYS: Final = (KEEPOUT_KEY, SPEED_KEY)
 """Keys of the system dimension that name masks, as Nav2's launch files do. A mask is told to the stack, and is nowhere in the world."""
+
+LAUNCH_WORDS: Final[Mapping[Value, str]] = {"KEEPOUT_ZONE_ENABLED": KEEPOUT_KEY, "SPEED_ZONE_ENABLED": SPEED_KEY}
+"""Words that Nav2's launch files since Kilted replace in parameter files, to the mask without which a filter is off."""
 
 TOPIC: Final = "filter_info_topic"
 INFO_SERVER: Final = "costmap_filter_info_server"
@@ -43,17 +46,22 @@ def is_info_server(document: ParameterDocument, node: ParameterLocation) -> bool
     return node[-2:-1] == (INFO_SERVER,) or (*node, TOPIC) in document.values
 
 
-def _filters(reader: Reader, node: ParameterLocation) -> dict[str, Any]:
+def _filters(reader: Reader, filters: Sequence[Instance]) -> dict[str, Any]:
     """The filters of a costmap that are enabled, as fields of `Costmap`."""
     found: dict[str, Any] = {}
     places: dict[str, ParameterLocation] = {}
-    for each in reader.plugins(node, FILTERS):
+    for each in filters:
         field = _FIELDS[each.modeled.model]
         if field in places:
             reader.fault(each.place, f"a second {each.kind} beside {places[field][-1]}", "one in a costmap")
             continue
         places[field] = each.place
-        if not reader.plain((*each.place, "enabled"), True):
+        enabled = (*each.place, "enabled")
+        is_word = reader.document.values.get(enabled) in LAUNCH_WORDS
+        if is_word or not reader.plain(enabled, True):
+            reader.asked[enabled] = False
+            reader.unused[each.place] = "the filter is off"
+            _info(reader, each.place, is_needed=False)
             continue
         info = _info(reader, each.place, is_needed=field == "speed_filter")
         if info is not None:
@@ -115,15 +123,18 @@ _PASSING_M: Final = 2.0
 
 
 def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costmap]:
-    given = {field: model(enabled=False) for model, field in _FIELDS.items()} | _filters(reader, node)
+    listed, filters = reader.plugins(node, LAYERS_AND_FILTERS), reader.plugins(node, FILTERS)
+    filters = [*(each for each in listed if _is_filter(each)), *filters]
+    given = {field: model(enabled=False) for model, field in _FIELDS.items()} | _filters(reader, filters)
     if node[-2] == "global_costmap":
         given |= {name: getattr(global_costmap(), name) for name in OF_THE_MAP}
     if node[-2] == "local_costmap":
         reader.default_of(
             (*node, "plugins"), declared_defaults()[node[-2]]["plugins"], ["voxel_layer", "inflation_layer"]
         )
-    layers = _layers(reader, node)
-    _check_order(reader, list(layers.values()))
+    layers = _layers(reader, [each for each in listed if not _is_filter(each)])
+    used = [*layers.values(), *(each for each in filters if each.place not in reader.unused)]
+    _check_order(reader, sorted(used, key=[*listed, *filters].index))
     for field, layer in layers.items():
         is_marking = field == "obstacle_layer"
         given[field] = _obstacle_layer(reader, layer) if is_marking else reader.instance_group(layer)
@@ -134,12 +145,15 @@ def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costma
     return {node[-2]: found}
 
 
-def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
+def _is_filter(instance: Instance) -> bool:
+    return instance.modeled in FILTERS.modeled.values()
+
+
+def _layers(reader: Reader, listed: Sequence[Instance]) -> Mapping[str, Instance]:
     """Return the fields of `Costmap` with the layers read for them, in the order of the file.
 
     Of several layers for one field the best counts, then the first.
     """
-    listed = reader.plugins(node, LAYERS)
     layers: dict[str, list[Instance]] = {}
     for layer in listed:
         layers.setdefault(_FIELDS[layer.modeled.model], []).append(layer)
@@ -158,11 +172,17 @@ def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
 
 
 def _check_order(reader: Reader, layers: Sequence[Instance]) -> None:
-    """Report layers that come after the inflation layer, which inflates earlier layers only."""
+    """Report layers after the inflation layer, which inflates earlier layers only, and keepout filters before it."""
     inflation = next((layer for layer in layers if layer.kind == "InflationLayer"), None)
     if inflation is None:
         return
+    for layer in layers[: layers.index(inflation)]:
+        if layer.kind == "KeepoutFilter":
+            what = f"{layer.place[-1]} comes before the inflation: Nav2 inflates its mask, which is not modeled"
+            reader.fault((*layer.place, "plugin"), what, f"{layer.place[-1]!r} after {inflation.place[-1]!r}")
     for layer in layers[layers.index(inflation) + 1 :]:
+        if _is_filter(layer):
+            continue
         what = f"{layer.place[-1]} comes after the inflation"
         right = "a Denoise layer before it in the list 'plugins'"
         if layer.kind != "DenoiseLayer":

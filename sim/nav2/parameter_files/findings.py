@@ -14,6 +14,7 @@ from vastflow.sim.model.faults import Fault, Place
 from vastflow.sim.model.files import TextPlace
 from vastflow.sim.model.names import SLIP, nearest
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
+from vastflow.sim.nav2.parameter_files.costmaps import LAUNCH_WORDS
 from vastflow.sim.nav2.parameter_files.declared import Declared, declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, dotted, node_of
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation
@@ -120,7 +121,8 @@ def refusals(found: Interpretation) -> Iterator[Fault]:
         kind = reader.kinds.get(group or (), "")
         declared = declared_defaults().get(group[-1] if group and kind.endswith(" critic") else kind, {})
         name = ".".join(path[len(group or ()) :])
-        if value is not None and name in declared and (right := _right_type(value, declared[name].default)):
+        is_known = name in declared and value is not None and value not in (*LAUNCH_WORDS,)
+        if is_known and (right := _right_type(value, declared[name].default)):
             yield fault(path, f"got {shown(value)}", f"{right}, as the node ends otherwise")
     node = document.node("controller_server")
     if node and "controller" in found.replaced:
@@ -406,7 +408,10 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "observation_persistence": only(0.0),
         "raytrace_min_range": only(0.0),
     },
-    "KeepoutFilter": _any("transform_tolerance", "filter_info_topic", "lethal_override_cost"),
+    "KeepoutFilter": {
+        **_any("transform_tolerance", "filter_info_topic", "lethal_override_cost"),
+        "override_lethal_cost": only(False),  # it counts while the robot stands in a zone
+    },
     "SpeedFilter": {
         **_any("transform_tolerance", "filter_info_topic", "speed_limit_topic", "path_topic", "odom_topic"),
         **_any("max_decel", "min_lookahead", "max_lookahead"),

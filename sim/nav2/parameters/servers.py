@@ -16,6 +16,9 @@ Deceleration: TypeAlias = Annotated[float, Field(ge=-1000.0, le=0.0)]
 MOST_ZONES: Final = 8
 """Areas of a collision monitor."""
 
+NO_LIMIT: Final = 1e6
+"""A number that nothing reaches."""
+
 
 class NavFn(ParameterGroup):
     """NavfnPlanner; tolerance in meters."""
@@ -36,7 +39,7 @@ class ControllerServer(ParameterGroup):
 
     controller_frequency: float = parameter(20.0, 0.5, 1000.0)
     costmap_update_timeout: float = parameter(0.3, 0.0, 1e6)
-    failure_tolerance: float = parameter(0.3, 0.0, 1e6)
+    failure_tolerance: float = parameter(0.3, 0.0, NO_LIMIT, stands_for={-1.0: NO_LIMIT})
     min_x_velocity_threshold: float = parameter(0.001, 0.0, 10.0)
     min_y_velocity_threshold: float = parameter(0.5, 0.0, 10.0)
     min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0)
@@ -45,22 +48,20 @@ class ControllerServer(ParameterGroup):
 NO_ANGLE_RAD: Final = 7.0
 """No turn counts as progress: it is more than half a circle."""
 
-NO_LIMIT: Final = 1e6
-
 
 class ProgressChecker(ParameterGroup):
     """PoseProgressChecker (m, rad, s); a SimpleProgressChecker has the angle `NO_ANGLE_RAD`."""
 
     required_movement_radius: float = parameter(0.5, 0.0, 100.0)
     required_movement_angle: float = parameter(NO_ANGLE_RAD, 0.0, NO_ANGLE_RAD)
-    movement_time_allowance: float = parameter(10.0, 0.1, 1e6)
+    movement_time_allowance: float = parameter(10.0, 0.0, 1e6)
 
 
 class GoalChecker(ParameterGroup):
     """StoppedGoalChecker (m, rad, and per second); a SimpleGoalChecker has velocities of `NO_LIMIT`."""
 
-    xy_goal_tolerance: float = parameter(0.25, 0.001, 100.0)
-    yaw_goal_tolerance: float = parameter(0.25, 0.001, 7.0)
+    xy_goal_tolerance: float = parameter(0.25, 0.0, 100.0)
+    yaw_goal_tolerance: float = parameter(0.25, 0.0, 1000.0)
     stateful: bool = parameter(True)
     trans_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT)
     rot_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT)
