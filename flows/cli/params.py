@@ -49,7 +49,7 @@ def params(
 
 def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[str, int]) -> Mapping[str, Any]:
     from vastflow.sim.nav2.parameter_files.document import dotted
-    from vastflow.sim.nav2.parameter_files.findings import left_out, omitted, refusals
+    from vastflow.sim.nav2.parameter_files.findings import command_chain, left_out, omitted, refusals
     from vastflow.sim.reading.robot import lidar_of, robot_facts, robot_of
 
     parameters = []
@@ -73,6 +73,7 @@ def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping
         ],
         "refused": [str(fault) for fault in refusals(found)],
         "warnings": {dotted(path): list(said) for path, said in found.reader.warnings.items()},
+        "command_chain": command_chain(found),
         "nodes_of_jazzy": found.replaced,
         "nodes_of_code": found.absent,
         "nodes_left_away": found.left_away,
@@ -83,7 +84,7 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
     from vastflow.flows.terminal.display import printed, terminal_table
     from vastflow.producers.campaign_file.nav2_parameters import short
     from vastflow.producers.model.faults import shown
-    from vastflow.sim.nav2.parameter_files.findings import left_out, omitted, refusals
+    from vastflow.sim.nav2.parameter_files.findings import command_chain, left_out, omitted, refusals
     from vastflow.sim.reading.robot import robot_facts, robot_words
 
     lines = []
@@ -129,4 +130,5 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
         print(f"not in the file, as in Nav2's code: {', '.join(found.absent)}")
     if found.left_away:
         print(f"not in the file and not simulated: {', '.join(found.left_away)}")
+    print(f"commands: {command_chain(found)}")
     print(*robot_words(robot_facts(found.parameters)), sep="\n")

@@ -20,7 +20,7 @@ from vastflow.sim.model.parameter import ParameterLocation, complaint
 from vastflow.sim.model.polygon import as_array, vertices_of
 from vastflow.sim.nav2.costmaps.outline import outline_of, padded_outline
 from vastflow.sim.nav2.parameter_files.controller_server import primary_controller, written_controller
-from vastflow.sim.nav2.parameter_files.costmaps import LAUNCH_WORDS, MASK_KEYS, filtered_by
+from vastflow.sim.nav2.parameter_files.costmaps import KEEPOUT_KEY, LAUNCH_WORDS, MASK_KEYS, SPEED_KEY, filtered_by
 from vastflow.sim.nav2.parameter_files.document import EXPONENT, PARAMETERS, ParameterDocument, dotted
 from vastflow.sim.nav2.parameter_files.findings import nav2_names
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, document_of, interpretation
@@ -199,7 +199,10 @@ def intended_key(system: Mapping[str, Value], key: str, others: Iterable[str] = 
 
 def unused_because(system: Mapping[str, Value], key: str) -> str:
     """The reason why other parameters make one ineffective; empty for any other key."""
-    unused = _chosen(_system(system)).interpretation.reader.unused
+    reader = _chosen(_system(system)).interpretation.reader
+    unused, kind = reader.unused, {KEEPOUT_KEY: "KeepoutFilter", SPEED_KEY: "SpeedFilter"}.get(key)
+    if kind:
+        return next((unused[place] for place, found in reader.kinds.items() if found == kind and place in unused), "")
     return next((why for path, why in unused.items() if targets({path: None}, key) == (path,)), "")
 
 

@@ -12,7 +12,7 @@ from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
 from vastflow.sim.nav2.parameter_files.nodes import FILTERS, LAYERS, LAYERS_AND_FILTERS
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, is_group, written, written_plugins
-from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, global_costmap, local_costmap
+from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, SpeedFilter, global_costmap, local_costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
 KEEPOUT_KEY: Final = "keepout_mask"
@@ -89,6 +89,32 @@ def _info(reader: Reader, place: ParameterLocation, is_needed: bool) -> Paramete
     else:
         reader.fault(place, f"no {TOPIC!r}", f"{TOPIC}: {_DEFAULT_TOPIC}, and a node {INFO_SERVER} with the same")
     return None
+
+
+def unheard_speed_filters(reader: Reader, parts: Parts) -> Parts:
+    """Return costmaps without the speed filters that publish on another topic than the controller server listens on."""
+    declared, values, name = declared_defaults(), reader.document.values, "speed_limit_topic"
+    server = (*(reader.document.node("controller_server") or ()), name)
+    heard = topic_of(values.get(server, declared["controller_server"][name].default))
+    unheard: dict[str, Any] = {}
+    for place, costmap in [(place, place[-3]) for place, kind in reader.kinds.items() if kind == "SpeedFilter"]:
+        said = topic_of(values.get((*place, name), declared["SpeedFilter"][name].default))
+        if said == heard or costmap not in parts or place in reader.unused:
+            continue
+        for path in [path for path in reader.asked if path[: len(place)] == place]:
+            reader.leave(path, f"it publishes on {said}, and the controller server listens on {heard}")
+        reader.unused[place] = f"the speed filter publishes on {said}, and the controller server listens on {heard}"
+        reader.warnings[(*place, name)] = (
+            f"publishes on {said}",
+            f"no limit arrives, as the controller listens on {heard}",
+        )
+        unheard[costmap] = parts[costmap].with_values(speed_filter=SpeedFilter(enabled=False))
+    return unheard
+
+
+def topic_of(value: Value) -> str:
+    """The name of a topic without its namespace."""
+    return str(value).rpartition("/")[2]
 
 
 def check_speed_filter(reader: Reader, parts: Parts) -> None:

@@ -17,7 +17,7 @@ from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.nav2.parameter_files.costmaps import LAUNCH_WORDS
 from vastflow.sim.nav2.parameter_files.declared import Declared, declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, dotted, node_of
-from vastflow.sim.nav2.parameter_files.interpretation import Interpretation
+from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, monitored_topics
 from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, class_name
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS
 from vastflow.sim.nav2.parameter_files.reader import Reader, shown
@@ -107,6 +107,21 @@ def omitted(found: Interpretation) -> tuple[Omitted, ...]:
             if default is not None and path not in (values.keys() | reader.asked.keys()) and not rule.agrees(default):
                 rows.append(Omitted(path, declared[name], rule.value, False))
     return tuple(sorted(rows))
+
+
+def command_chain(found: Interpretation) -> str:
+    """Draw the way of a command from the controller to the base, by the topics of Nav2's bringup and the monitor's own."""
+    smoother = "" if "velocity_smoother" in found.left_away else " → velocity_smoother"
+    topics = monitored_topics(found.document)
+    if topics is None:
+        return f"controller{smoother} → base"
+    into, out = topics
+    if into == "cmd_vel_nav":
+        way = " → (cmd_vel_nav) "
+    else:
+        gap = "" if into == "cmd_vel_smoothed" else f" ✗ ({into})"
+        way = f"{smoother} → (cmd_vel_smoothed){gap} "
+    return f"controller{way}→ collision_monitor → ({out}) → base"
 
 
 def refusals(found: Interpretation) -> Iterator[Fault]:
