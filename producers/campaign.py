@@ -32,7 +32,7 @@ from vastflow.producers.model.producer import evaluate
 from vastflow.producers.places.ground import MapSearch
 from vastflow.producers.search.reading import read_search
 from vastflow.producers.search.search import Search
-from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.model.scenario import ProcessSetup
 
@@ -60,6 +60,7 @@ class Campaign:
         sequential: When they end before; None where each configuration has all of them.
         notes: Warnings, and keys that are not executed by this version; then what of the Nav2 parameter file is not
             modeled.
+        nav2_defaults: What the Nav2 parameter file leaves out, see `defaults_row` of `findings`.
         unavailable: What is missing of each family that lacks files or goals; it is not among the families.
         unexecutable: Why this version can't run the campaign; empty where it can.
         search: What proposes points, in place of families; `families` are then its template at corners of the space. None where
@@ -78,6 +79,7 @@ class Campaign:
     timeout_s: float
     oracles: tuple[OracleRequest, ...]
     notes: tuple[Fault, ...]
+    nav2_defaults: Mapping[str, Value]
     unexecutable: tuple[Fault, ...]
     unavailable: Mapping[str, Sequence[Fault]]
     document: Document = field(repr=False)
@@ -181,6 +183,7 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
             *sorted(dict.fromkeys([*document.notes, *notes]), key=lambda note: (note.place.line, note.place.column)),
             *nav2.notes,
         ),
+        nav2_defaults=nav2.defaults,
         unexecutable=searching.unexecutable if searching else (),
         unavailable=reader.unavailable,
         document=document,

@@ -81,7 +81,9 @@ def _sentence(recorded: RecordedRun, executed: Recording) -> str:
     from vastflow.tasks.keys.keys import EXECUTE_SOURCE, numeric_class
     from vastflow.tasks.keys.source import installed_tree
 
-    why = origin_differences(recorded.metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE))
+    why = origin_differences(
+        recorded.metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE), recorded.scenario.system
+    )
     because = f" ({'; '.join(why)})" if why else ""
     return f"The layers are not those of the recorded run, which the execution differs from: {difference}{because}."
 

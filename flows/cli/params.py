@@ -49,7 +49,7 @@ def params(
 
 def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[str, int]) -> Mapping[str, Any]:
     from vastflow.sim.nav2.parameter_files.document import dotted
-    from vastflow.sim.nav2.parameter_files.findings import left_out
+    from vastflow.sim.nav2.parameter_files.findings import command_chain, left_out, omitted, refusals
     from vastflow.sim.reading.robot import lidar_of, robot_facts, robot_of
 
     parameters = []
@@ -66,7 +66,16 @@ def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping
         "lidar": asdict(lidar_of(found.parameters)),
         "robot_facts": [asdict(fact) for fact in robot_facts(found.parameters)],
         "left_out": {dotted(path): value for path, value in left_out(found).items()},
+        "omitted": [
+            {"path": dotted(path), "value": declared.default, "source": declared.source, key: other}
+            for path, declared, other, is_used in omitted(found)
+            for key in ["jazzy" if is_used else "built_in"]
+        ],
+        "refused": [str(fault) for fault in refusals(found)],
+        "warnings": {dotted(path): list(said) for path, said in found.reader.warnings.items()},
+        "command_chain": command_chain(found),
         "nodes_of_jazzy": found.replaced,
+        "nodes_of_code": found.absent,
         "nodes_left_away": found.left_away,
     }
 
@@ -75,7 +84,7 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
     from vastflow.flows.terminal.display import printed, terminal_table
     from vastflow.producers.campaign_file.nav2_parameters import short
     from vastflow.producers.model.faults import shown
-    from vastflow.sim.nav2.parameter_files.findings import left_out
+    from vastflow.sim.nav2.parameter_files.findings import command_chain, left_out, omitted, refusals
     from vastflow.sim.reading.robot import robot_facts, robot_words
 
     lines = []
@@ -89,9 +98,37 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
     printed([terminal_table((), ("line",), ("parameter", "value", "simulator"), lines), ""])
     for status, count in counts.items():
         print(f"{count:>4}  {status}: {MEANING[status]}")
-    print(f"{len(left_out(found)):>4}  more are modeled, with Nav2's defaults")
+    for fault in refusals(found):
+        print(f"Nav2 does not start: {fault}")
+    for path, (what, consequence) in found.reader.warnings.items():
+        print(f"warning: {short(path)}: {what}; {consequence}")
+    print(f"{len(left_out(found)):>4}  more are modeled, with the defaults of Nav2's code")
+    if rows_left_out := omitted(found):
+        print("\nleft out, and not in Nav2's code as in Jazzy's file or as built in:")
+        printed(
+            [
+                terminal_table(
+                    (),
+                    (),
+                    ("parameter", "Nav2's code", "in its place", "declared"),
+                    [
+                        (
+                            short(path),
+                            shown(declared.default, 40),
+                            f"{'Jazzy' if is_used else 'built in'}: {shown(other, 40)}",
+                            declared.source,
+                        )
+                        for path, declared, other, is_used in rows_left_out
+                    ],
+                ),
+                "",
+            ]
+        )
     if found.replaced:
-        print(f"not in the file, with Nav2 Jazzy's defaults: {', '.join(found.replaced)}")
+        print(f"not in the file, as in Nav2 Jazzy's file: {', '.join(found.replaced)}")
+    if found.absent:
+        print(f"not in the file, as in Nav2's code: {', '.join(found.absent)}")
     if found.left_away:
         print(f"not in the file and not simulated: {', '.join(found.left_away)}")
+    print(f"commands: {command_chain(found)}")
     print(*robot_words(robot_facts(found.parameters)), sep="\n")

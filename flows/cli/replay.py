@@ -97,7 +97,9 @@ def replay(
     for note in asked.notes:
         print(note, file=sys.stderr)
     title = f"{configuration}, run {run}"
-    differs = origin_differences(recorded.metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE))
+    differs = origin_differences(
+        recorded.metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE), recorded.scenario.system
+    )
     for words in differs:
         print(f"{title}: {words}; the run executed here may differ", file=sys.stderr)
     with executing(results, trust, code=needs_code(recorded)), Interruptible("interrupted"):

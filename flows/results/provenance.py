@@ -79,13 +79,36 @@ def origin_row(keys: Keys) -> dict[str, Any]:
     return {"numeric_class": keys.numeric, "seed": keys.seed, "source": source}
 
 
-def origin_differences(metadata: Mapping[str, Any], numeric: str, execute_source: str) -> list[str]:
+DEFAULTS_KEY: Final = "nav2_defaults"
+"""Key of `metadata.json` with the defaults of Nav2's code that count for a Nav2 parameter file, absent without one."""
+
+
+def default_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Name the defaults that count otherwise now for what a Nav2 file leaves out; directories before 0.2 keep none."""
+    here = now.get(DEFAULTS_KEY, {})
+    if DEFAULTS_KEY not in then:
+        words = [f"{name} is now {short_text(each['value'])}" for name, each in here.items() if each["since"]]
+    else:
+        before = then[DEFAULTS_KEY]
+        both = [name for name in here if name in before and before[name]["value"] != here[name]["value"]]
+        words = [change_text(name, before[name]["value"], here[name]["value"]) for name in both]
+    return [f"the Nav2 file leaves out, and Nav2's code counts: {few(words, _MOST_FILES)}"] if words else []
+
+
+def origin_differences(
+    metadata: Mapping[str, Any], numeric: str, execute_source: str, system: Mapping[str, Any]
+) -> list[str]:
     """Return reasons why a replay may differ from the recording; empty if its bytes must be equal.
 
     Args:
         numeric, execute_source: Numeric class of this process, and source digest of the simulator as it is installed here.
+        system: Of the recorded scenario.
     """
-    found = []
+    from vastflow.sim.nav2.parameter_files.chosen import file_of
+    from vastflow.sim.nav2.parameter_files.findings import defaults_row
+
+    file = file_of(system)
+    found = default_changes(metadata, {DEFAULTS_KEY: defaults_row(file)} if file else {})
     recorded_source = metadata["source"]["execute"]
     if recorded_source != execute_source:
         others = "".join(f"; {words}" for words in _other_versions(metadata))
@@ -280,6 +303,7 @@ def campaign_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[st
     """Describe the differences between two `metadata.json`, configurations excepted."""
     versions = then.get("vastflow"), now.get("vastflow")
     found = [] if versions[0] == versions[1] else [change_text("vastflow", *versions)]
+    found += default_changes(then, now)
     reasons = (changes(stage_ingredients(then, stage), stage_ingredients(now, stage)) for stage in STAGES)
     return [*found, *dict.fromkeys(str(reason) for some in reasons for reason in some)]
 

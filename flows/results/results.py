@@ -24,7 +24,7 @@ from PIL import Image
 from vastflow.flows.request.campaign_file import campaign_name, terminal_lines
 from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.inputs import Inputs
-from vastflow.flows.results.provenance import origin_row
+from vastflow.flows.results.provenance import DEFAULTS_KEY, origin_row
 from vastflow.flows.results.rows import KeptRows, StoredResult, one_block, parts, rows_of
 from vastflow.flows.results.summary import Results, Summary, Work
 from vastflow.flows.results.tables import RunTables, write_instantiation
@@ -157,6 +157,7 @@ def metadata_of(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, 
         },
         "notes": [str(note) for note in campaign.notes],
         "robots": robots_json(campaign.families),
+        **({DEFAULTS_KEY: campaign.nav2_defaults} if campaign.nav2_defaults else {}),
     }
 
 

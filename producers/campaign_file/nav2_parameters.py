@@ -1,7 +1,7 @@
 """The user's Nav2 parameter file of `execution.nav2_params`: content, faults, and unmodeled parameters."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -13,7 +13,7 @@ from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files import document as parameters
 from vastflow.sim.nav2.parameter_files.controller_server import critics_of
-from vastflow.sim.nav2.parameter_files.findings import Finding, findings, slips
+from vastflow.sim.nav2.parameter_files.findings import Finding, defaults_row, findings, omitted, refusals, slips
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, file_value, frozen, read_nav2_document
 
@@ -22,11 +22,12 @@ WHERE: Final[Location] = ("execution", FILE_KEY)
 
 @dataclass(frozen=True, slots=True)
 class Nav2Params:
-    """The Nav2 parameter file of a campaign: what every family's system has from it, its faults, its notes."""
+    """The Nav2 parameter file of a campaign: what every family's system has from it, its faults, its notes, its `defaults_row`."""
 
     system: Mapping[str, Value]
     faults: tuple[Fault, ...] = ()
     notes: tuple[Fault, ...] = ()
+    defaults: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
 
 
 def nav2_params_of(document: Document, base: Path) -> Nav2Params:
@@ -46,7 +47,8 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
         Fault(Place(file, *each.place, short(each.path)), f"unknown key {each.path[-1]!r}", f"did you mean {near!r}?")
         for each, near in slips(found)
     )
-    return Nav2Params({FILE_KEY: file_value(found.document)}, faults, tuple(notes_of(found)))
+    faults = (*faults, *refusals(found))
+    return Nav2Params({FILE_KEY: file_value(found.document)}, faults, tuple(notes_of(found)), defaults_row(found))
 
 
 def notes_of(found: Interpretation) -> Iterator[Fault]:
@@ -58,6 +60,7 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
 
     for nodes, consequence in (
         (found.replaced, "as in Nav2 Jazzy's default file"),
+        (found.absent, "as in Nav2's code"),
         (found.left_away, "the stack does without"),
     ):
         if nodes:
@@ -71,6 +74,16 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
     for path, why in found.reader.unused.items():
         if path[-1] == "robot_radius" and path in document.values:
             yield note(path, f"got {shown(document.values[path])}, which has no effect", why)
+    for path, (what, consequence) in found.reader.warnings.items():
+        yield note(path, what, consequence)
+    for path, declared, other, is_used in omitted(found):
+        if not is_used:
+            yield note(
+                path,
+                f"left out, {shown(declared.default)} in Nav2's code",
+                f"{shown(other)} is built in",
+                "not modeled",
+            )
     for path, held in found.reader.held.items():
         if path in document.values:
             what = f"got {shown(document.values[path])}, which is no whole number of ticks of 50 ms"

@@ -1,7 +1,7 @@
 """Groups of Nav2's parameters as pydantic models, and complaints about their values."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, Self, TypeAlias, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
@@ -29,6 +29,8 @@ class ParameterGroup(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _from_yaml(cls, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            value = source_of(cls.model_fields[str(info.field_name)]).stands_for.get(value, value)
         if (
             isinstance(value, float)
             and value.is_integer()
@@ -50,14 +52,14 @@ class Source:
     """Source of a field in a parameter file; the field's own name and type by default.
 
     Attributes:
-        code: Default in Nav2's code, where it differs from that of Jazzy's parameter file.
         needs: Another field, the value without which this one has no effect, and why.
-        name: Parameter with the `texts` that stand for the field's values; Nav2's code takes the first.
+        stands_for: Values outside of the range, such as -1 for no limit, to those that mean the same.
+        name: Parameter with the `texts` that stand for the field's values.
         is_derived: True if the field follows from lists and classes, not from a parameter.
     """
 
-    code: Any = None
     needs: Needs = None
+    stands_for: Mapping[float, float] = field(default_factory=dict)
     name: str = ""
     texts: Mapping[str, Any] | None = None
     is_derived: bool = False
@@ -68,10 +70,15 @@ _SOURCE: Final = "source"
 
 
 def parameter(
-    default: Any, low: float | None = None, high: float | None = None, *, code: Any = None, needs: Needs = None
+    default: Any,
+    low: float | None = None,
+    high: float | None = None,
+    *,
+    needs: Needs = None,
+    stands_for: Mapping[float, float] | None = None,
 ) -> Any:
-    """Return a field of a `ParameterGroup` with an inclusive range; for `code` and `needs` see `Source`."""
-    return _field_from(Source(code, needs), default, low, high)
+    """Return a field of a `ParameterGroup` with an inclusive range; for `needs` and `stands_for` see `Source`."""
+    return _field_from(Source(needs, stands_for or {}), default, low, high)
 
 
 def choice(default: Any, name: str, texts: Mapping[str, Any]) -> Any:

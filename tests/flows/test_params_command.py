@@ -16,7 +16,7 @@ controller_server:
     controller_plugins: [FollowPath]
     FollowPath:
       plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
-      desired_linear_vel: 1
+      desired_linear_vel: 1.0
 velocity_smoother:
   ros__parameters:
     scale_velocities: false
@@ -42,7 +42,7 @@ def test_params_lists_parameters_and_counts(nav2):
             "3 controller_server.publish_zero_velocity false differs: true is built in",
             "4 controller_server.controller_plugins ['FollowPath'] modeled",
             "6 controller_server.FollowPath.plugin 'nav2_regulated_pure_pursuit_controller… modeled",
-            "7 controller_server.FollowPath.desired_linear_vel 1 modeled",
+            "7 controller_server.FollowPath.desired_linear_vel 1.0 modeled",
             "10 velocity_smoother.scale_velocities false built in",
             "11 velocity_smoother.odom_topic 'odom' no effect",
             "12 velocity_smoother.mystery inf not modeled",
@@ -51,9 +51,15 @@ def test_params_lists_parameters_and_counts(nav2):
     )
     counts = ["3 modeled", "1 built in", "1 no effect", "1 differs", "1 not modeled"]
     assert [line.split(":")[0] for line in lines[9:14]] == counts
-    assert lines[14].endswith("more are modeled, with Nav2's defaults")
-    assert lines[15].startswith("not in the file, with Nav2 Jazzy's defaults: amcl, local_costmap, ")
-    assert lines[16] == "not in the file and not simulated: collision_monitor"
+    assert lines[14].endswith("more are modeled, with the defaults of Nav2's code")
+    source = "nav2_controller/src/controller_server.cpp:65"
+    assert f"controller_server.failure_tolerance 0.0 Jazzy: 0.3 {source}" in lines[16:]
+    built_in = (
+        "local_costmap.local_costmap.rolling_window false built in: true nav2_costmap_2d/src/costmap_2d_ros.cpp:129"
+    )
+    assert built_in in lines[16:]
+    assert "not in the file, as in Nav2's code: amcl, local_costmap, global_costmap, planner_server, " in result.stdout
+    assert "not in the file and not simulated: collision_monitor" in lines
 
 
 def test_params_says_at_which_rate_a_loop_truly_runs(nav2):
@@ -98,13 +104,17 @@ def test_params_prints_json(nav2):
         "path": "controller_server.ros__parameters.FollowPath.desired_linear_vel",
         "line": 7,
         "column": 27,
-        "value": 1,
+        "value": 1.0,
         "status": "modeled",
         "used": 1.0,
         "why": "",
     }
     assert found["left_out"]["controller_server.ros__parameters.FollowPath.lookahead_dist"] == 0.6
     assert found["nodes_left_away"] == ["collision_monitor"]
+    assert (found["nodes_of_jazzy"], "amcl" in found["nodes_of_code"]) == ([], True)
+    (row,) = (row for row in found["omitted"] if row["path"] == "controller_server.ros__parameters.failure_tolerance")
+    source = "nav2_controller/src/controller_server.cpp:65"
+    assert (row["value"], row["jazzy"], row["source"]) == (0.0, 0.3, source)
 
 
 def test_campaign_keeps_parameter_file_and_validate_reports_it(small_room, nav2, tmp_path, monkeypatch):
@@ -118,12 +128,12 @@ def test_campaign_keeps_parameter_file_and_validate_reports_it(small_room, nav2,
     assert f"{file}:12:14: velocity_smoother.mystery: not modeled\n" in result.stdout
     assert result.stdout.endswith("OK: 1 family, 1 producer, 1 oracle\n")
     monkeypatch.chdir(tmp_path)
-    file.write_text(NAV2.replace("_vel: 1", "_vel: -1"))
+    file.write_text(NAV2.replace("_vel: 1.0", "_vel: -1.0"))
     before = sorted(tmp_path.rglob("*"))
     for command in ("validate", "run"):
         said = refused(command, small_room)
         assert "nav2.yaml:7:27: controller_server.ros__parameters.FollowPath.desired_linear_vel: " in said
-        assert "got -1" in said
+        assert "got -1.0" in said
     assert sorted(tmp_path.rglob("*")) == before
 
 

@@ -121,8 +121,8 @@ def test_named_controller_has_the_parameters_of_the_file_or_its_defaults(content
 
 
 def test_file_is_rewritten_like_the_default(content):
-    assert radii({"nav2_params": content}) == (0.3, 0.3)  # the file has the local costmap alone
-    assert radii({"nav2_params": content, "robot_radius": 0.4}) == (0.4, 0.4)
+    assert radii({"nav2_params": content}) == (0.3, 0.1)  # the file has the local costmap alone
+    assert radii({"nav2_params": content, "robot_radius": 0.4}) == (0.4, 0.1)
     assert radii({"nav2_params": content, GLOBAL_RADIUS: 0.4}) == (0.3, 0.4)
 
 

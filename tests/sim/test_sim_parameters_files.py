@@ -62,7 +62,9 @@ def reading(text):
     for each in findings(found):
         used = f", used {each.used!r}" if each.used not in (None, each.value) else ""
         lines.append(f"{dotted(each.path)}: {each.status}{used}{f', {each.why}' if each.why else ''}")
-    lines.append(f"as in Jazzy: {', '.join(found.replaced)}; without: {', '.join(found.left_away)}")
+    lines.append(
+        f"as in Jazzy: {', '.join(found.replaced)}; as in Nav2's code: {', '.join(found.absent)}; without: {', '.join(found.left_away)}"
+    )
     controller, planner = type(found.parameters.controller)(), type(found.parameters.planner)()
     lines.append(f"{type(controller).__name__}, {type(planner).__name__}")
     bare = read("amcl: {ros__parameters: }").parameters.with_values(controller=controller, planner=planner)

@@ -20,7 +20,7 @@ from vastflow.sim.model.parameter import ParameterLocation, complaint
 from vastflow.sim.model.polygon import as_array, vertices_of
 from vastflow.sim.nav2.costmaps.outline import outline_of, padded_outline
 from vastflow.sim.nav2.parameter_files.controller_server import primary_controller, written_controller
-from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by
+from vastflow.sim.nav2.parameter_files.costmaps import KEEPOUT_KEY, LAUNCH_WORDS, MASK_KEYS, SPEED_KEY, filtered_by
 from vastflow.sim.nav2.parameter_files.document import EXPONENT, PARAMETERS, ParameterDocument, dotted
 from vastflow.sim.nav2.parameter_files.findings import nav2_names
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, document_of, interpretation
@@ -149,6 +149,11 @@ def drawn_parameters(system: Mapping[str, Value]) -> NavParameters:
     return _chosen(replace(_system(system), drawn=own)).interpretation.parameters
 
 
+def file_of(system: Mapping[str, Value]) -> Interpretation | None:
+    """Return the Nav2 parameter file of a system as it is read without the other keys; None without one."""
+    return _chosen(_system({FILE_KEY: system[FILE_KEY]})).interpretation if FILE_KEY in system else None
+
+
 def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[str, ...]:
     """Keys of the system dimension that nothing in the simulator reads, sorted.
 
@@ -194,7 +199,10 @@ def intended_key(system: Mapping[str, Value], key: str, others: Iterable[str] = 
 
 def unused_because(system: Mapping[str, Value], key: str) -> str:
     """The reason why other parameters make one ineffective; empty for any other key."""
-    unused = _chosen(_system(system)).interpretation.reader.unused
+    reader = _chosen(_system(system)).interpretation.reader
+    unused, kind = reader.unused, {KEEPOUT_KEY: "KeepoutFilter", SPEED_KEY: "SpeedFilter"}.get(key)
+    if kind:
+        return next((unused[place] for place, found in reader.kinds.items() if found == kind and place in unused), "")
     return next((why for path, why in unused.items() if targets({path: None}, key) == (path,)), "")
 
 
@@ -284,6 +292,9 @@ def _chosen(system: _System) -> Chosen:
         if not isinstance(content, FileContent):
             raise _error(FILE_KEY, f"got {shown(content)}", f"a file, which execution.{FILE_KEY} names")
         document = loaded(content)
+    masked = {path: word for path, word in document.values.items() if isinstance(word, str) and word in LAUNCH_WORDS}
+    replaced = {path: LAUNCH_WORDS[word] in system.values for path, word in masked.items()}
+    document = replace(document, values={**document.values, **replaced}) if replaced else document
     if CONTROLLER_KEY in system.values:
         document = with_controller(document, system.values[CONTROLLER_KEY])
     own = {key: value for key, value in keys.items() if _own_paths(key)}

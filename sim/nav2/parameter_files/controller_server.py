@@ -1,6 +1,6 @@
 """Reading the node `controller_server`: its checkers, and the controller with its critics, in a Rotation Shim or not."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from vastflow.sim.model.digest import Value
@@ -18,7 +18,7 @@ from vastflow.sim.nav2.parameter_files.nodes import (
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, short_name
 from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, Used, Values, plug_in_name, written, written_plugins
 from vastflow.sim.nav2.parameters.mppi import AckermannParameters, MppiParameters
-from vastflow.sim.nav2.parameters.servers import ControllerServer, RotationShim
+from vastflow.sim.nav2.parameters.servers import NO_LIMIT, ControllerServer, GoalChecker, ProgressChecker, RotationShim
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
 _CHECKERS: Final = {"progress_checker": PROGRESS_CHECKERS, "goal_checker": GOAL_CHECKERS}
@@ -36,10 +36,21 @@ _MOTION_MODELS: Final = {f"mppi::{name}MotionModel": name for name in ("DiffDriv
 
 
 def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
-    parts: dict[str, Any] = {"controller_server": reader.group(ControllerServer, node)}
+    parts: dict[str, Any] = {"controller_server": reader.group(ControllerServer, node, kinds=["controller_server"])}
+    refuses = False
     for name, plugins in _CHECKERS.items():
-        if found := reader.plugin(node, plugins):
+        path, names = reader.listed(node, plugins)
+        if len(set(names)) > 1 and not (plugins.used in names and _is_of_lyrical(reader, node)):
+            refuses = True
+            why = f"Nav2 refuses each path: of several {plugins.what}s the behavior tree must name one, and the default names none"
+            reader.warnings[path] = f"{len(set(names))} {plugins.what}s", f"{why}; missions abort"
+            reader.unused |= {(*node, each): why for each in names}
+        elif name == "progress_checker" and not names:
+            parts[name] = ProgressChecker(movement_time_allowance=NO_LIMIT)
+        elif found := reader.plugin(node, plugins):
             parts[name] = reader.instance_group(found)
+    if refuses:
+        parts |= _REFUSING
     # Nav2's code would load DWB here and find no critics for it: such a file is one for other parameters.
     named = [(*node, *CONTROLLERS.lists), (*node, CONTROLLERS.used, "plugin")]
     if any(path in reader.document.values for path in named) and (used := reader.used(node, CONTROLLERS)):
@@ -47,12 +58,24 @@ def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
     return parts
 
 
+_REFUSING: Final[Parts] = {
+    "goal_checker": GoalChecker().model_copy(update={"xy_goal_tolerance": -1.0}),
+    "progress_checker": ProgressChecker().model_copy(update={"movement_time_allowance": -1.0}),
+}
+"""Checkers with which no path is followed, not even at the goal: following fails in the cycle that it begins in."""
+
+
+def _is_of_lyrical(reader: Reader, node: ParameterLocation) -> bool:
+    """Whether a file is of Lyrical, the release since which the default behavior trees name a goal checker."""
+    return any((*node, name) in reader.document.values for name in PATH_HANDLERS.lists)
+
+
 def _controller(reader: Reader, used: Used) -> Parts:
     place, path, default = used.place, (*used.place, "plugin"), used.default_class
     parts: Parts = {}
     shimmed: tuple[ParameterLocation, ...] = ()
     if plug_in_name(reader.plain(path, default)) == ROTATION_SHIM:
-        parts = {"rotation_shim": reader.group(RotationShim, place, given={"enabled": True})}
+        parts = {"rotation_shim": reader.group(RotationShim, place, given={"enabled": True}, kinds=["RotationShim"])}
         shimmed = tuple((*place, name) for name in RotationShim.model_fields)
         path, default = primary_controller(reader.document.values, place), ""
         place = path[:-1] if path[-1] == "plugin" else place
@@ -73,7 +96,7 @@ def _controller(reader: Reader, used: Used) -> Parts:
                 reader.fault((*place, "critics"), problem, "one of them")
         given |= _motion_model(reader, place)
     elsewhere = _handled(reader, used.place[:-1], algorithm, given)
-    return {**parts, "controller": reader.group(kind, place, elsewhere, given)}
+    return {**parts, "controller": reader.group(kind, place, elsewhere, given, kinds=[algorithm])}
 
 
 def _handled(
@@ -112,7 +135,7 @@ def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:
         if found not in _MOTION_MODELS:
             reader.fault(plugin, f"no motion model {found!r} is known", f"known: {', '.join(_MOTION_MODELS)}")
         reader.asked[(*place, "motion_model")] = found
-    given["AckermannConstraints"] = reader.group(AckermannParameters, constraints)
+    given["AckermannConstraints"] = reader.group(AckermannParameters, constraints, kinds=["AckermannConstraints"])
     if model != "Ackermann":
         reader.leave((*constraints, "min_turning_r"), "the motion model is not Ackermann")
     if model != "Omni":
@@ -147,7 +170,7 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
     critics = critics_of(default)
     if not critics:
         return {}
-    loaded: dict[str, ParameterLocation] = {}
+    loaded: dict[str, list[ParameterLocation]] = {}
     listed, known = (*place, "critics"), f"known: {', '.join(critics)}"
     if algorithm == "DWB" and listed not in reader.document.values:
         reader.fault(place, "no 'critics'", f"a list of them, without which DWB does not start: {', '.join(critics)}")
@@ -156,7 +179,7 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
         text = reader.plain(class_path, "") if class_path in reader.document.values else name
         kind = short_class(text).removesuffix("Critic" if algorithm == "DWB" else "")
         if kind in critics:
-            loaded[kind] = (*place, name)
+            loaded.setdefault(kind, []).append((*place, name))
         elif (algorithm, kind) in FOREIGN_CRITICS:
             reader.fault((*listed, str(k)), f"the critic {text} of {algorithm} is not modeled", known)
         else:
@@ -169,11 +192,35 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
             parts[kind] = critic.with_values(enabled=False)
             reader.unused[(*place, kind)] = "not in the list of critics"
             continue
-        reader.kinds[loaded[kind]] = f"{algorithm} critic"
-        given: dict[str, Any] = {"place": places[kind]} if kind in places else {}
-        given["enabled"] = algorithm != "MPPI" or reader.plain((*loaded[kind], "enabled"), True)
-        parts[kind] = reader.group(type(critic), loaded[kind], given=given, left_out=critic)
+        several = []
+        for own in loaded[kind]:
+            reader.kinds[own] = f"{algorithm} critic"
+            given: dict[str, Any] = {"place": places[kind]} if kind in places else {}
+            given["enabled"] = algorithm != "MPPI" or reader.plain((*own, "enabled"), True)
+            several.append(reader.group(type(critic), own, given=given, left_out=critic, kinds=[kind]))
+        parts[kind] = several[0] if len(several) == 1 else _summed(reader, listed, loaded[kind], several)
     return parts
+
+
+_WEIGHTS: Final = ("cost_weight", "repulsion_weight", "critical_weight", "scale")
+
+
+def _summed(
+    reader: Reader, listed: ParameterLocation, places: Sequence[ParameterLocation], critics: Sequence[Any]
+) -> Any:
+    """Return one critic for several of a class, which Nav2 adds up; they must differ in their weights alone."""
+    power = getattr(critics[0], "cost_power", 1)
+    weights = {name: [getattr(each, name) for each in critics] for name in _WEIGHTS if hasattr(critics[0], name)}
+    if any(
+        each.model_copy(update={name: getattr(critics[0], name) for name in weights}) != critics[0] for each in critics
+    ):
+        names = " and ".join(dict.fromkeys(place[-1] for place in places))
+        reader.fault(listed, f"{names} are critics of one class", "one of them, or equal ones but for their weights")
+    what = f"{len(critics)} critics of the class of {places[0][-1]}"
+    reader.warnings[listed] = what, "Nav2 counts each of them"
+    return critics[0].model_copy(
+        update={name: sum(w**power for w in own) ** (1 / power) for name, own in weights.items()}
+    )
 
 
 def written_controller_server(node: ParameterLocation, parameters: NavParameters) -> Values:

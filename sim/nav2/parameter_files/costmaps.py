@@ -8,16 +8,20 @@ from vastflow.sim.model.faults import ScenarioError, complaint
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.model.polygon import vertices_of
 from vastflow.sim.nav2.controllers.controller import Controller
+from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
-from vastflow.sim.nav2.parameter_files.nodes import FILTERS, LAYERS
+from vastflow.sim.nav2.parameter_files.nodes import FILTERS, LAYERS, LAYERS_AND_FILTERS
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, is_group, written, written_plugins
-from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, global_costmap
+from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, SpeedFilter, global_costmap, local_costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
 KEEPOUT_KEY: Final = "keepout_mask"
 SPEED_KEY: Final = "speed_mask"
 MASK_KEYS: Final = (KEEPOUT_KEY, SPEED_KEY)
 """Keys of the system dimension that name masks, as Nav2's launch files do. A mask is told to the stack, and is nowhere in the world."""
+
+LAUNCH_WORDS: Final[Mapping[Value, str]] = {"KEEPOUT_ZONE_ENABLED": KEEPOUT_KEY, "SPEED_ZONE_ENABLED": SPEED_KEY}
+"""Words that Nav2's launch files since Kilted replace in parameter files, to the mask without which a filter is off."""
 
 TOPIC: Final = "filter_info_topic"
 INFO_SERVER: Final = "costmap_filter_info_server"
@@ -42,21 +46,26 @@ def is_info_server(document: ParameterDocument, node: ParameterLocation) -> bool
     return node[-2:-1] == (INFO_SERVER,) or (*node, TOPIC) in document.values
 
 
-def _filters(reader: Reader, node: ParameterLocation) -> dict[str, Any]:
+def _filters(reader: Reader, filters: Sequence[Instance]) -> dict[str, Any]:
     """The filters of a costmap that are enabled, as fields of `Costmap`."""
     found: dict[str, Any] = {}
     places: dict[str, ParameterLocation] = {}
-    for each in reader.plugins(node, FILTERS):
+    for each in filters:
         field = _FIELDS[each.modeled.model]
         if field in places:
             reader.fault(each.place, f"a second {each.kind} beside {places[field][-1]}", "one in a costmap")
             continue
         places[field] = each.place
-        if not reader.plain((*each.place, "enabled"), True):
+        enabled = (*each.place, "enabled")
+        is_word = reader.document.values.get(enabled) in LAUNCH_WORDS
+        if is_word or not reader.plain(enabled, True):
+            reader.asked[enabled] = False
+            reader.unused[each.place] = "the filter is off"
+            _info(reader, each.place, is_needed=False)
             continue
         info = _info(reader, each.place, is_needed=field == "speed_filter")
         if info is not None:
-            found[field] = reader.instance_group(each, {name: (*info, name) for name in _INFO})
+            found[field] = reader.instance_group(each, {name: (*info, name) for name in _INFO}, ["filter info"])
     return found
 
 
@@ -80,6 +89,32 @@ def _info(reader: Reader, place: ParameterLocation, is_needed: bool) -> Paramete
     else:
         reader.fault(place, f"no {TOPIC!r}", f"{TOPIC}: {_DEFAULT_TOPIC}, and a node {INFO_SERVER} with the same")
     return None
+
+
+def unheard_speed_filters(reader: Reader, parts: Parts) -> Parts:
+    """Return costmaps without the speed filters that publish on another topic than the controller server listens on."""
+    declared, values, name = declared_defaults(), reader.document.values, "speed_limit_topic"
+    server = (*(reader.document.node("controller_server") or ()), name)
+    heard = topic_of(values.get(server, declared["controller_server"][name].default))
+    unheard: dict[str, Any] = {}
+    for place, costmap in [(place, place[-3]) for place, kind in reader.kinds.items() if kind == "SpeedFilter"]:
+        said = topic_of(values.get((*place, name), declared["SpeedFilter"][name].default))
+        if said == heard or costmap not in parts or place in reader.unused:
+            continue
+        for path in [path for path in reader.asked if path[: len(place)] == place]:
+            reader.leave(path, f"it publishes on {said}, and the controller server listens on {heard}")
+        reader.unused[place] = f"the speed filter publishes on {said}, and the controller server listens on {heard}"
+        reader.warnings[(*place, name)] = (
+            f"publishes on {said}",
+            f"no limit arrives, as the controller listens on {heard}",
+        )
+        unheard[costmap] = parts[costmap].with_values(speed_filter=SpeedFilter(enabled=False))
+    return unheard
+
+
+def topic_of(value: Value) -> str:
+    """The name of a topic without its namespace."""
+    return str(value).rpartition("/")[2]
 
 
 def check_speed_filter(reader: Reader, parts: Parts) -> None:
@@ -109,27 +144,42 @@ _FIELDS: Final[Mapping[Any, str]] = {
 """Parameters of layers and filters to the fields of `Costmap` that have them."""
 
 
+_PASSING_M: Final = 2.0
+"""The `max_obstacle_height` of Nav2 Jazzy's file."""
+
+
 def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costmap]:
-    given = {field: model(enabled=False) for model, field in _FIELDS.items()} | _filters(reader, node)
+    listed, filters = reader.plugins(node, LAYERS_AND_FILTERS), reader.plugins(node, FILTERS)
+    filters = [*(each for each in listed if _is_filter(each)), *filters]
+    given = {field: model(enabled=False) for model, field in _FIELDS.items()} | _filters(reader, filters)
     if node[-2] == "global_costmap":
         given |= {name: getattr(global_costmap(), name) for name in OF_THE_MAP}
-    layers = _layers(reader, node)
-    _check_order(reader, list(layers.values()))
+    if node[-2] == "local_costmap":
+        reader.default_of(
+            (*node, "plugins"), declared_defaults()[node[-2]]["plugins"], ["voxel_layer", "inflation_layer"]
+        )
+    layers = _layers(reader, [each for each in listed if not _is_filter(each)])
+    used = [*layers.values(), *(each for each in filters if each.place not in reader.unused)]
+    _check_order(reader, sorted(used, key=[*listed, *filters].index))
     for field, layer in layers.items():
         is_marking = field == "obstacle_layer"
         given[field] = _obstacle_layer(reader, layer) if is_marking else reader.instance_group(layer)
-    found = reader.group(Costmap, node, given=given)
+    shipped = global_costmap() if node[-2] == "global_costmap" else local_costmap()
+    found = reader.group(Costmap, node, given=given, left_out=shipped, kinds=[node[-2]])
     if not reader.faults and vertices_of(found.footprint):
         reader.leave((*node, "robot_radius"), "the polygon footprint replaces it")
     return {node[-2]: found}
 
 
-def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
+def _is_filter(instance: Instance) -> bool:
+    return instance.modeled in FILTERS.modeled.values()
+
+
+def _layers(reader: Reader, listed: Sequence[Instance]) -> Mapping[str, Instance]:
     """Return the fields of `Costmap` with the layers read for them, in the order of the file.
 
     Of several layers for one field the best counts, then the first.
     """
-    listed = reader.plugins(node, LAYERS)
     layers: dict[str, list[Instance]] = {}
     for layer in listed:
         layers.setdefault(_FIELDS[layer.modeled.model], []).append(layer)
@@ -148,11 +198,17 @@ def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
 
 
 def _check_order(reader: Reader, layers: Sequence[Instance]) -> None:
-    """Report layers that come after the inflation layer, which inflates earlier layers only."""
+    """Report layers after the inflation layer, which inflates earlier layers only, and keepout filters before it."""
     inflation = next((layer for layer in layers if layer.kind == "InflationLayer"), None)
     if inflation is None:
         return
+    for layer in layers[: layers.index(inflation)]:
+        if layer.kind == "KeepoutFilter":
+            what = f"{layer.place[-1]} comes before the inflation: Nav2 inflates its mask, which is not modeled"
+            reader.fault((*layer.place, "plugin"), what, f"{layer.place[-1]!r} after {inflation.place[-1]!r}")
     for layer in layers[layers.index(inflation) + 1 :]:
+        if _is_filter(layer):
+            continue
         what = f"{layer.place[-1]} comes after the inflation"
         right = "a Denoise layer before it in the list 'plugins'"
         if layer.kind != "DenoiseLayer":
@@ -166,13 +222,14 @@ def _sources(reader: Reader, place: ParameterLocation) -> list[ParameterLocation
 
 
 def _data_type(reader: Reader, source: ParameterLocation) -> object:
-    """Data type of a source; Nav2's code defaults to a point cloud."""
-    return reader.document.values.get((*source, "data_type"), "PointCloud2")
+    path = (*source, "data_type")
+    return reader.document.values.get(path, declared_defaults()["scan"][path[-1]].default)
 
 
 def _obstacle_layer(reader: Reader, layer: Instance) -> ObstacleLayer:
     """The layer with its laser scan; without any source it neither marks nor clears."""
-    place, given = layer.place, dict(layer.modeled.fixed)
+    place, given, declared = layer.place, dict(layer.modeled.fixed), declared_defaults()
+    reader.default_of((*place, "observation_sources"), declared["ObstacleLayer"]["observation_sources"], "scan")
     values, sources = reader.document.values, _sources(reader, place)
     cloud = next((source for source in sources if values.get((*source, "marking"), True) is True), None)
     if layer.kind == "SpatioTemporalVoxelLayer":
@@ -184,6 +241,7 @@ def _obstacle_layer(reader: Reader, layer: Instance) -> ObstacleLayer:
         elsewhere["footprint_clearing_enabled"] = (*place, "update_footprint_enabled")
         given |= {"marking": True, "clearing": True, "obstacle_min_range": 0.0}
         return reader.group(ObstacleLayer, place, elsewhere, given)
+    kinds = [layer.kind, "scan"]
     scan = next((source for source in sources if _data_type(reader, source) == "LaserScan"), None)
     for source in sources:
         if source != scan:
@@ -191,13 +249,22 @@ def _obstacle_layer(reader: Reader, layer: Instance) -> ObstacleLayer:
     if scan is not None:
         reader.plain((*scan, "data_type"), "LaserScan")
         reader.kinds[scan] = "scan"
+        for limited, kind, lost in ((scan, "scan", ("marking", "clearing")), (place, layer.kind, ("marking",))):
+            path = (*limited, "max_obstacle_height")
+            highest_m = values.get(path, reader.default_of(path, declared[kind][path[-1]], _PASSING_M))
+            if isinstance(highest_m, int | float) and highest_m <= 0.0:
+                reader.asked[path] = highest_m
+                given |= dict.fromkeys(lost, False)
+                what = f"max_obstacle_height is {highest_m:g}{'' if path in values else ' where it is left out'}"
+                reader.warnings[limited] = what, "nothing of the scan is marked, as no laser is that low"
+                reader.unused |= {(*scan, name): "max_obstacle_height lets nothing of the scan pass" for name in lost}
     elif cloud is not None:
         reader.unmodeled[cloud] = "a point cloud is read as the laser scan"
         given["clearing"] = any(values.get((*source, "clearing")) is True for source in sources)
     else:
         unused = ObstacleLayer(marking=False, clearing=False)
         given |= {name: getattr(unused, name) for name in OF_THE_SCAN}
-    return reader.group(ObstacleLayer, place, _in_source(scan or cloud or place), given)
+    return reader.group(ObstacleLayer, place, _in_source(scan or cloud or place), given, kinds=kinds)
 
 
 def _in_source(source: ParameterLocation) -> Mapping[str, ParameterLocation]:
@@ -215,7 +282,9 @@ def written_costmap(name: str, costmap: Costmap) -> Values:
     layers = {"voxel_layer" if voxels and field == "obstacle_layer" else field: groups[field] for field in groups}
     place = (*node, "voxel_layer" if voxels else "obstacle_layer")
     if costmap.obstacle_layer.enabled:
-        values |= {(*place, "observation_sources"): "scan", (*place, "scan", "data_type"): "LaserScan"}
+        scan = (*place, "scan")
+        values |= {(*place, "observation_sources"): "scan", (*scan, "data_type"): "LaserScan"}
+        values[(*scan, "max_obstacle_height")] = _PASSING_M
     values |= written_plugins(node, LAYERS, layers, _in_source((*place, "scan")))
     for field, group in filters.items():
         topic = f"{name}_{field}_info"

@@ -7,16 +7,20 @@ them out. A parameter that is in no table here is not modeled.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import Fault, Place
 from vastflow.sim.model.files import TextPlace
 from vastflow.sim.model.names import SLIP, nearest
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
-from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, node_of
-from vastflow.sim.nav2.parameter_files.interpretation import Interpretation
-from vastflow.sim.nav2.parameter_files.nodes import class_name
-from vastflow.sim.nav2.parameter_files.reader import Reader
+from vastflow.sim.nav2.parameter_files.costmaps import LAUNCH_WORDS
+from vastflow.sim.nav2.parameter_files.declared import Declared, declared_defaults
+from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, dotted, node_of
+from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, monitored_topics
+from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, class_name
+from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS
+from vastflow.sim.nav2.parameter_files.reader import Reader, shown
 
 Status: TypeAlias = Literal["modeled", "built in", "no effect", "differs", "not modeled"]
 
@@ -77,6 +81,110 @@ def left_out(found: Interpretation) -> Mapping[ParameterLocation, Value]:
     return {path: reader.asked[path] for path in reader.fields if PARAMETERS in path and path not in values}
 
 
+class Omitted(NamedTuple):
+    """A parameter that a document leaves out, with another value in Nav2's code than elsewhere.
+
+    Attributes:
+        declared: What Nav2's code has, and where.
+        other: Value of Nav2 Jazzy's file, or the one that is built in.
+        is_used: Whether the simulator has Nav2's.
+    """
+
+    path: ParameterLocation
+    declared: Declared
+    other: Value
+    is_used: bool
+
+
+def omitted(found: Interpretation) -> tuple[Omitted, ...]:
+    """The parameters that a document leaves out and that Nav2's code does not have as Jazzy's file or the simulator."""
+    reader, values = found.reader, found.document.values
+    rows = [Omitted(path, *each, True) for path, each in reader.omitted.items() if not _nearest(path, reader.unused)]
+    for node, kind in reader.kinds.items():
+        declared = declared_defaults().get(kind, {})
+        for name in declared.keys() & TABLES.get(kind, {}).keys():
+            rule, path, default = TABLES[kind][name], (*node, *name.split(".")), declared[name].default
+            if default is not None and path not in (values.keys() | reader.asked.keys()) and not rule.agrees(default):
+                rows.append(Omitted(path, declared[name], rule.value, False))
+    return tuple(sorted(rows))
+
+
+def command_chain(found: Interpretation) -> str:
+    """Draw the way of a command from the controller to the base, by the topics of Nav2's bringup and the monitor's own."""
+    smoother = "" if "velocity_smoother" in found.left_away else " → velocity_smoother"
+    topics = monitored_topics(found.document)
+    if topics is None:
+        return f"controller{smoother} → base"
+    into, out = topics
+    if into == "cmd_vel_nav":
+        way = " → (cmd_vel_nav) "
+    else:
+        gap = "" if into == "cmd_vel_smoothed" else f" ✗ ({into})"
+        way = f"{smoother} → (cmd_vel_smoothed){gap} "
+    return f"controller{way}→ collision_monitor → ({out}) → base"
+
+
+def refusals(found: Interpretation) -> Iterator[Fault]:
+    """Yield what a file has and no node of Nav2 starts with, though it can be read."""
+    reader, document = found.reader, found.document
+
+    def fault(path: ParameterLocation, problem: str, expected: str) -> Fault:
+        return Fault(Place(document.file, *document.place(path), dotted(path)), problem, expected)
+
+    for path, value in document.values.items():
+        group = _nearest(path[:-1], reader.kinds)
+        kind = reader.kinds.get(group or (), "")
+        declared = declared_defaults().get(group[-1] if group and kind.endswith(" critic") else kind, {})
+        name = ".".join(path[len(group or ()) :])
+        is_known = name in declared and value is not None and value not in (*LAUNCH_WORDS,)
+        if is_known and (right := _right_type(value, declared[name].default)):
+            yield fault(path, f"got {shown(value)}", f"{right}, as the node ends otherwise")
+    node = document.node("controller_server")
+    if node and "controller" in found.replaced:
+        for path in document.below(node):
+            plugin = path[:-1]
+            is_one = class_name(str(document.values[path])) in (
+                *CONTROLLER_PLUG_INS.known,
+                *CONTROLLERS.foreign,
+                ROTATION_SHIM,
+            )
+            if path[-1] == "plugin" and is_one:
+                right = (
+                    f"controller_plugins: [{plugin[-1]}], as Nav2 does not start without critics for its default, DWB"
+                )
+                yield fault(plugin, "no controller_plugins names it", right)
+
+
+def _right_type(value: Value, default: Value) -> str:
+    """Return what a value of another type than a parameter's must be; empty for one of its type."""
+    if isinstance(default, list):
+        items = value if isinstance(value, Sequence) and not isinstance(value, str) else [None]
+        right = _right_type(items[0], default[0]) if items and default else ""
+        mixed = next((wrong for item in items if default and (wrong := _right_type(item, default[0]))), right)
+        return f"a list, each item {mixed}" if mixed else ""
+    if type(default) is type(value) or default is None:
+        return ""
+    if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
+        return f"a double, such as {float(value)}"
+    names = {bool: "true or false", int: "an integer", float: "a double", str: "text"}
+    return names.get(type(default), "")
+
+
+_SINCE: Final = "0.2"
+_READ_AS_JAZZY: Final = frozenset({"angular_disengage_threshold", "max_obstacle_height", "scale"})
+"""Parameters that before `_SINCE` had other defaults than Nav2's code, beside those of nodes that a file lacks."""
+
+
+def defaults_row(found: Interpretation) -> dict[str, dict[str, Value]]:
+    """Return for `metadata.json` the defaults that count for a file, and since which version those that had been others."""
+    row: dict[str, dict[str, Value]] = {}
+    for path, declared, _, is_used in omitted(found):
+        is_new = path[-1] in _READ_AS_JAZZY or node_of(path) not in found.document.nodes
+        if is_used:
+            row[dotted(path)] = {"value": declared.default, "since": _SINCE if is_new else ""}
+    return row
+
+
 def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocation) -> Finding:
     value, place = document.values[path], document.place(path)
 
@@ -107,6 +215,8 @@ def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocatio
     plugin = (*(group or node), name[0])
     if len(name) > 1 and _is_unlisted(document, plugin):
         return found("no effect", "no list of plug-ins has it", about=plugin)
+    if kind.endswith("_costmap") and node not in reader.kinds:
+        return found("not modeled", f"Nav2's node is {kind}/{kind}, one level deeper", about=node)
     if group is None and kind not in TABLES:
         return found("not modeled", "nothing of this node is", about=node)
     return found("not modeled")
@@ -313,7 +423,10 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "observation_persistence": only(0.0),
         "raytrace_min_range": only(0.0),
     },
-    "KeepoutFilter": _any("transform_tolerance", "filter_info_topic", "lethal_override_cost"),
+    "KeepoutFilter": {
+        **_any("transform_tolerance", "filter_info_topic", "lethal_override_cost"),
+        "override_lethal_cost": only(False),  # it counts while the robot stands in a zone
+    },
     "SpeedFilter": {
         **_any("transform_tolerance", "filter_info_topic", "speed_limit_topic", "path_topic", "odom_topic"),
         **_any("max_decel", "min_lookahead", "max_lookahead"),

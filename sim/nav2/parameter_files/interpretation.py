@@ -12,13 +12,19 @@ from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.model.polygon import area_of, vertices_of
 from vastflow.sim.nav2.parameter_files.controller_server import read_controller_server, written_controller_server
-from vastflow.sim.nav2.parameter_files.costmaps import check_speed_filter, read_costmap, written_costmap
+from vastflow.sim.nav2.parameter_files.costmaps import (
+    check_speed_filter,
+    read_costmap,
+    topic_of,
+    unheard_speed_filters,
+    written_costmap,
+)
+from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
 from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name, short_class
 from vastflow.sim.nav2.parameter_files.plug_ins import PLANNER_PLUG_INS
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, shown, written
-from vastflow.sim.nav2.parameters.amcl import AmclParameters
-from vastflow.sim.nav2.parameters.costmap import global_costmap, local_costmap
+from vastflow.sim.nav2.parameters.costmap import local_costmap
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
 from vastflow.sim.nav2.parameters.robot import (
@@ -92,8 +98,8 @@ class Interpretation:
 
     Attributes:
         reader: Has what was asked for and why other things were not.
-        replaced: Nodes that the document lacks and that are as in Nav2 Jazzy's default file; `controller` where a
-            controller server has none.
+        replaced: `controller` where the document names none: it is as in Nav2 Jazzy's default file.
+        absent: Nodes that the document lacks and that are as in Nav2's code.
         left_away: Nodes that the document lacks and without which the stack does.
     """
 
@@ -101,15 +107,16 @@ class Interpretation:
     parameters: NavParameters
     reader: Reader
     replaced: tuple[str, ...]
+    absent: tuple[str, ...]
     left_away: tuple[str, ...]
 
 
 def interpretation(document: ParameterDocument, *, drawn: bool = False) -> Interpretation:
     """Read a document into the stack's parameters.
 
-    A parameter that a node leaves out is as in Nav2's code. Without the node `collision_monitor` there is none, as in
-    Humble; without `velocity_smoother` only the actuators limit the commands. Other nodes that are left out, as the
-    TurtleBot 4's file leaves out `amcl`, are as in Nav2 Jazzy's default file.
+    A parameter or a node that is left out is as in Nav2's code. Without the node `collision_monitor` there is none, as in
+    Humble; nor is there a `velocity_smoother` without one in files of Galactic and before, where only the actuators limit
+    the commands. A document that names no controller has that of Nav2 Jazzy's default file, as Nav2 would not start.
 
     Args:
         drawn: See `Reader`.
@@ -125,43 +132,74 @@ def interpretation(document: ParameterDocument, *, drawn: bool = False) -> Inter
         "odometry": reader.group(OdometryDrift, (ROBOT_KEY, ODOMETRY_KEY)),
         "lidar_noise": _lidar_noise(reader),
     }
-    absent = []
+    absent: list[str] = []
+    left_away: list[str] = []
     _refuse_releases_before_foxy(reader)
     for (*above, name), modeled in NODES.items():
         node = document.node(*above, name) or document.node(*above, modeled.older or name)
-        if node is not None:
-            reader.kinds[node] = name
-            parts |= _READ[name](reader, node) if name in _READ else {name: reader.group(modeled.model, node)}
-        else:
+        if node is None and (name == "collision_monitor" or (name in _WITHOUT and document.node("recoveries_server"))):
+            left_away.append(name)
+            parts[name] = _WITHOUT[name]
+            continue
+        if node is None:
             absent.append(name)
-            parts |= {name: _WITHOUT[name]} if name in _WITHOUT else {}
-    if len(absent) == len(NODES) and not reader.faults:
+            node = (*above, name, PARAMETERS)
+        reader.kinds[node] = name
+        parts |= _READ[name](reader, node) if name in _READ else {name: reader.group(modeled.model, node, kinds=[name])}
+    if len(absent) + len(left_away) == len(NODES) and not reader.faults:
         place = Place(document.file, *min(document.places.values(), default=(1, 1)), "file")
         right = f"one that is, beside others: {', '.join(map('/'.join, NODES))}"
         reader.faults.append(Fault(place, "none of its nodes is modeled", right))
-    _fill_in(parts)
     parts |= _distances_of_the_inflation(reader, parts)
     _check_mppi(reader, parts)
     _check_turning_radius(reader, parts)
+    parts |= {**unheard_speed_filters(reader, parts), **_joined(reader)}
     check_speed_filter(reader, parts)
     if reader.faults:
         raise FileError(reader.faults)
-    if "controller" not in parts and "controller_server" not in absent:
-        absent.append("controller")
-    replaced = tuple(name for name in absent if name not in _WITHOUT)
-    left_away = tuple(name for name in absent if name in _WITHOUT)
-    return Interpretation(document, NavParameters(**parts), reader, replaced, left_away)
+    replaced = () if "controller" in parts else ("controller",)
+    return Interpretation(document, NavParameters(**parts), reader, replaced, tuple(absent), tuple(left_away))
 
 
-def _fill_in(parts: dict[str, Any]) -> None:
-    """Give a missing costmap the other one's body, and an omni robot an AMCL to strafe with."""
-    defaults = {"local_costmap": local_costmap(), "global_costmap": global_costmap()}
-    for name, other in zip(defaults, reversed(defaults), strict=True):
-        if name not in parts and other in parts:
-            body = {field: getattr(parts[other], field) for field in ("robot_radius", "footprint", "footprint_padding")}
-            parts[name] = defaults[name].model_copy(update=body)
-    if "amcl" not in parts and (parts["robot"].drive or ("omni" if is_omni(parts.get("controller")) else "")) == "omni":
-        parts["amcl"] = AmclParameters(omni=True)
+_STANDING: Final = VelocitySmoother(max_velocity=(0.0, 0.0, 0.0), min_velocity=(0.0, 0.0, 0.0))
+"""A smoother whose commands do not arrive: the robot stands."""
+
+
+def monitored_topics(document: ParameterDocument) -> tuple[str, str] | None:
+    """Return the topics that the collision monitor listens and publishes on; None without one."""
+    node, declared = document.node("collision_monitor"), declared_defaults()["collision_monitor"]
+    if node is None:
+        return None
+    topics = (document.values.get((*node, name), declared[name].default) for name in _MONITORED)
+    into, out = map(topic_of, topics)
+    return into, out
+
+
+def _joined(reader: Reader) -> Mapping[str, VelocitySmoother]:
+    """Return the smoother that commands pass by the topics of the collision monitor, where it is not the file's."""
+    node = reader.document.node("collision_monitor") or ()
+    paths = [(*node, name) for name in _MONITORED]
+    reader.asked |= {path: reader.document.values[path] for path in paths if path in reader.document.values}
+    match monitored_topics(reader.document):
+        case None | ("cmd_vel_smoothed", "cmd_vel"):
+            return {}
+        case ("cmd_vel_smoothed", out):
+            reader.warnings[paths[1]] = (
+                f"publishes on {out}",
+                "the robot drives if its base listens there, as is assumed",
+            )
+            return {}
+        case ("cmd_vel_nav", _):
+            words = "listens on cmd_vel_nav, where the controller publishes"
+            reader.warnings[paths[0]] = words, "the velocity smoother has no effect"
+            return {"velocity_smoother": NO_SMOOTHER}
+        case (into, _):
+            words = f"listens on {into}, and the velocity smoother publishes on cmd_vel_smoothed"
+            reader.warnings[paths[0]] = words, "no command arrives: the robot stands"
+            return {"velocity_smoother": _STANDING}
+
+
+_MONITORED: Final = ("cmd_vel_in_topic", "cmd_vel_out_topic")
 
 
 def is_omni(controller: object) -> bool:
@@ -268,7 +306,7 @@ def _latency(reader: Reader) -> Latency:
 
 
 def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
-    parts: Parts = {"planner_server": reader.group(PlannerServer, node)}
+    parts: Parts = {"planner_server": reader.group(PlannerServer, node, kinds=["planner_server"])}
     used = reader.used(node, PLANNERS)
     if used is None:
         return parts
@@ -285,14 +323,15 @@ def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
 
 
 def _waypoint_follower(reader: Reader, node: ParameterLocation) -> Parts:
+    kinds = ["waypoint_follower", "WaitAtWaypoint"]
     executor = (*node, reader.plain((*node, "waypoint_task_executor_plugin"), "wait_at_waypoint"))
     pause, plugin = (*executor, "waypoint_pause_duration"), (*executor, "plugin")
     if class_name(str(reader.document.values.get(plugin, WAIT_AT_WAYPOINT))) != WAIT_AT_WAYPOINT:
         reader.unmodeled[executor] = f"of the tasks at waypoints only {WAIT_AT_WAYPOINT} is modeled"
-        return {"waypoint_follower": reader.group(WaypointFollower, node, given={pause[-1]: 0})}
+        return {"waypoint_follower": reader.group(WaypointFollower, node, given={pause[-1]: 0}, kinds=kinds)}
     reader.plain(plugin, WAIT_AT_WAYPOINT)
     waits = reader.plain((*executor, "enabled"), True)
-    found = reader.group(WaypointFollower, node, {pause[-1]: pause})
+    found = reader.group(WaypointFollower, node, {pause[-1]: pause}, kinds=kinds)
     return {"waypoint_follower": found if waits else found.with_values(waypoint_pause_duration=0)}
 
 
@@ -334,7 +373,8 @@ def _read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, Colli
     if timeout == own:
         reader.unused[common] = f"{scan[-1]} has its own"
     given |= {"enabled": all(enabled), **_least_points(reader, round_footprint)}
-    return {"collision_monitor": reader.group(CollisionMonitor, round_footprint, {"source_timeout": timeout}, given)}
+    elsewhere, kinds = {"source_timeout": timeout}, ["polygon", "collision_monitor"]
+    return {"collision_monitor": reader.group(CollisionMonitor, round_footprint, elsewhere, given, kinds=kinds)}
 
 
 def _monitored_scan(reader: Reader, node: ParameterLocation) -> ParameterLocation | None:
@@ -376,7 +416,7 @@ def _zone(reader: Reader, place: ParameterLocation) -> MonitorZone | None:
             given["vertices"] = area_of(str(points))
         except ValueError as error:
             reader.fault(drawn, f"got {shown(reader.document.values[drawn])}", str(error))
-    zone = reader.group(MonitorZone, place, given=given | _least_points(reader, place))
+    zone = reader.group(MonitorZone, place, given=given | _least_points(reader, place), kinds=["polygon"])
     return zone if reader.plain((*place, "enabled"), True) else None
 
 

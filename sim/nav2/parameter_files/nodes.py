@@ -1,7 +1,7 @@
 """The table of modeled nodes and plug-in classes: their parameters, and the lists that name them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from vastflow.sim.model.digest import Value
@@ -180,11 +180,14 @@ FILTERS: Final = Plugins(
     what="costmap filter",
     lists=("filters",),
     modeled={
-        "nav2_costmap_2d::KeepoutFilter": PluginClass(KeepoutFilter, only={"override_lethal_cost": False}),
+        "nav2_costmap_2d::KeepoutFilter": PluginClass(KeepoutFilter),
         "nav2_costmap_2d::SpeedFilter": PluginClass(SpeedFilter, only={"enable_path_lookahead": False}),
     },
     foreign=_classes("nav2_costmap_2d", "BinaryFilter", "InflationLayer"),
 )
+
+LAYERS_AND_FILTERS: Final = replace(LAYERS, modeled={**LAYERS.modeled, **FILTERS.modeled})
+"""Plug-ins that a costmap's list `plugins` may have: filters are layers, too."""
 
 ROTATION_SHIM: Final = "nav2_rotation_shim_controller::RotationShimController"
 """A plug-in of the kind controller that has another, `primary_controller`, inside."""

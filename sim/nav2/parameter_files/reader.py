@@ -12,6 +12,7 @@ from vastflow.sim.model.faults import Fault, Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaints, source_of
 from vastflow.sim.model.rates import held_hz
+from vastflow.sim.nav2.parameter_files.declared import Declared, declared_defaults
 from vastflow.sim.nav2.parameter_files.document import ParameterDocument, dotted
 from vastflow.sim.nav2.parameter_files.nodes import PluginClass, Plugins, class_name, short_class
 from vastflow.sim.plug_ins.neighbors import PlugInError
@@ -50,6 +51,8 @@ class Reader:
         kinds: Path of a group to what it is, for what of it is not asked for.
         unmodeled: Path of a group that is not read because it is not modeled, to why.
         unused: Path of a group that is not read because Nav2 would not read it either, to why.
+        omitted: Path of what the document leaves out to Nav2's declaration, and to the other value of Jazzy's file.
+        warnings: Path to what a file has that Nav2 takes, and that hardly anybody means, and to what follows.
         held: Path of a rate that is no whole number of ticks, to the rate (Hz) that is taken.
         faults: Everything wrong.
     """
@@ -62,6 +65,8 @@ class Reader:
         self.kinds: dict[ParameterLocation, str] = {}
         self.unmodeled: dict[ParameterLocation, str] = {}
         self.unused: dict[ParameterLocation, str] = {}
+        self.omitted: dict[ParameterLocation, tuple[Declared, Value]] = {}
+        self.warnings: dict[ParameterLocation, tuple[str, str]] = {}
         self.held: dict[ParameterLocation, float] = {}
         self.faults: list[Fault] = []
 
@@ -76,18 +81,22 @@ class Reader:
         elsewhere: Mapping[str, ParameterLocation] | None = None,
         given: Mapping[str, Any] | None = None,
         left_out: Group | None = None,
+        kinds: Sequence[str] = (),
     ) -> Group:
-        """The parameters below `prefix`, with defaults of Nav2's code for missing ones.
+        """The parameters below `prefix`, with the defaults that Nav2's code declares for missing ones.
 
         What is wrong becomes faults, and then the values mean nothing.
 
         Args:
             elsewhere: Parameter to the path it has where that is not below `prefix`.
             given: Values that are not to be read.
-            left_out: Defaults of Nav2's code that the model does not say.
+            left_out: Values of Nav2 Jazzy's file, in place of the model's defaults; they count for what the code does not declare.
+            kinds: What the group is among `declared_defaults`; the first one with a parameter counts.
         """
         values: dict[str, Any] = dict(given or {})
         paths: dict[str, ParameterLocation] = {}
+        tables = (declared_defaults()[kind] for kind in reversed(kinds))
+        declared = {name: each for table in tables for name, each in table.items() if each.default is not None}
         for name, field in model.model_fields.items():
             source = source_of(field)
             if name in values or source.is_derived:
@@ -95,17 +104,19 @@ class Reader:
             path = (elsewhere or {}).get(name, (*prefix, source.name or name))
             if is_group(field.annotation):
                 known = len(self.faults)
-                found = self.group(field.annotation, path)
+                found = self.group(field.annotation, path, kinds=[name] if kinds else ())
                 values[name] = found if len(self.faults) == known else field.default
             elif source.texts:
-                usual = next(iter(source.texts))
+                usual = str(declared[source.name].default) if source.name in declared else next(iter(source.texts))
                 text = class_name(self.plain(path, usual))
                 if text not in source.texts:
                     self.fault(path, f"got {shown(text)}", f"one of {', '.join(source.texts)}")
                 values[name] = source.texts.get(text, source.texts[usual])
             else:
-                usual = getattr(left_out, name, field.default) if source.code is None else source.code
-                values[name] = self.document.values.get(path, usual)
+                default: Any = getattr(left_out, name, field.default)
+                if name in declared:
+                    default = self.default_of(path, declared[name], default)
+                values[name] = self.document.values.get(path, default)
                 paths[name] = path
                 self.fields[path] = model, name
         try:
@@ -126,6 +137,14 @@ class Reader:
             if (needs := source_of(model.model_fields[name]).needs) and getattr(group, needs[0]) != needs[1]:
                 self.leave(path, needs[2])
         return group
+
+    def default_of(self, path: ParameterLocation, declared: Declared, shipped: Value) -> Value:
+        """Return what Nav2's code declares; note it where the document leaves out what Jazzy's file has otherwise."""
+        usual = declared.default
+        shipped = list(shipped) if isinstance(shipped, tuple) else shipped
+        if path not in self.document.values and usual != shipped:
+            self.omitted[path] = declared, shipped
+        return usual
 
     def plug_in(
         self,
@@ -177,6 +196,7 @@ class Reader:
         """Mark a parameter as ineffective because of others."""
         self.asked.pop(path, None)
         self.fields.pop(path, None)
+        self.omitted.pop(path, None)
         self.unused[path] = why
 
     def plain(self, path: ParameterLocation, default: Plain) -> Plain:
@@ -207,7 +227,7 @@ class Reader:
 
     def plugins(self, prefix: ParameterLocation, plugins: Plugins) -> list[Instance]:
         """The plug-ins in a list parameter below `prefix`; unknown classes are faults."""
-        path, names = self._listed(prefix, plugins)
+        path, names = self.listed(prefix, plugins)
         found = [self._instance(Used((*prefix, name), (*path, str(k)), plugins, names)) for k, name in enumerate(names)]
         return [each for each in found if each]
 
@@ -216,14 +236,17 @@ class Reader:
         used = self.used(prefix, plugins)
         return self._instance(used) if used else None
 
-    def instance_group(self, instance: Instance, elsewhere: Mapping[str, ParameterLocation] | None = None) -> Any:
+    def instance_group(
+        self, instance: Instance, elsewhere: Mapping[str, ParameterLocation] | None = None, beside: Sequence[str] = ()
+    ) -> Any:
         for name, value in instance.modeled.only.items():
             self.only((*instance.place, name), value)
-        return self.group(instance.modeled.model, instance.place, elsewhere, instance.modeled.fixed)
+        kinds = [instance.kind, *beside] if instance.kind in declared_defaults() else ()
+        return self.group(instance.modeled.model, instance.place, elsewhere, instance.modeled.fixed, kinds=kinds)
 
     def used(self, prefix: ParameterLocation, plugins: Plugins) -> "Used | None":
         """The plug-in of a list that the default behavior trees use; an empty list is a fault, and gives None."""
-        path, names = self._listed(prefix, plugins)
+        path, names = self.listed(prefix, plugins)
         if not names:
             self.fault(path, "got an empty list", f"the name of a {plugins.what}")
             return None
@@ -236,7 +259,7 @@ class Reader:
             self.unmodeled[path] = why
         return Used((*prefix, used), (*path, str(names.index(used))), plugins, names)
 
-    def _listed(self, prefix: ParameterLocation, plugins: Plugins) -> tuple[ParameterLocation, list[str]]:
+    def listed(self, prefix: ParameterLocation, plugins: Plugins) -> tuple[ParameterLocation, list[str]]:
         paths = [(*prefix, name) for name in plugins.lists]
         path = next((path for path in paths if path in self.document.values), paths[0])
         return path, self.names(path, tuple(plugins.defaults))

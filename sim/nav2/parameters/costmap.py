@@ -12,8 +12,8 @@ class InflationLayer(ParameterGroup):
     """Inflation: radius in meters, scaling per meter."""
 
     enabled: bool = parameter(True)
-    inflation_radius: float = parameter(0.70, 0.0, 10.0, code=0.55)
-    cost_scaling_factor: float = parameter(3.0, 0.0, 1000.0, code=10.0)
+    inflation_radius: float = parameter(0.70, 0.0, 10.0)
+    cost_scaling_factor: float = parameter(3.0, 0.0, 1000.0)
 
 
 class StaticLayer(ParameterGroup):
@@ -32,7 +32,7 @@ class ObstacleLayer(ParameterGroup):
     enabled: bool = parameter(True)
     footprint_clearing_enabled: bool = parameter(True)
     marking: bool = parameter(True)
-    clearing: bool = parameter(True, code=False)
+    clearing: bool = parameter(True)
     obstacle_max_range: float = parameter(2.5, 0.0, 100.0)
     obstacle_min_range: float = parameter(0.0, 0.0, 100.0)
     raytrace_max_range: float = parameter(3.0, 0.0, 100.0)
@@ -64,7 +64,7 @@ class SpeedFilter(ParameterGroup):
     """
 
     enabled: bool = derived(True)
-    type: int = parameter(1, 1, 2, code=0)
+    type: int = parameter(1, 1, 2)
     base: float = parameter(0.0, -1e6, 1e6)
     multiplier: float = parameter(1.0, -1e6, 1e6)
 
@@ -80,11 +80,11 @@ class Costmap(ParameterGroup):
     """
 
     update_frequency: float = parameter(5.0, 0.05, 1000.0)
-    publish_frequency: float = parameter(2.0, 0.05, 1000.0, code=1.0)
-    width: int = parameter(3, 1, 100, code=5)
-    height: int = parameter(3, 1, 100, code=5)
-    resolution: float = parameter(0.05, 0.01, 1.0, code=0.1)
-    robot_radius: float = parameter(0.22, 0.01, 10.0, code=0.1)
+    publish_frequency: float = parameter(2.0, 0.05, 1000.0)
+    width: int = parameter(3, 1, 100)
+    height: int = parameter(3, 1, 100)
+    resolution: float = parameter(0.05, 0.01, 1.0)
+    robot_radius: float = parameter(0.22, 0.01, 10.0)
     footprint: str = parameter("[]")
     footprint_padding: float = parameter(0.01, 0.0, 10.0)
     track_unknown_space: bool = parameter(False)
@@ -98,8 +98,9 @@ class Costmap(ParameterGroup):
     @field_validator("footprint")
     @classmethod
     def _polygon(cls, footprint: str) -> str:
-        vertices_of(footprint)
-        return footprint
+        vertices = vertices_of(footprint)
+        is_closed = bool(vertices) and vertices[0] == vertices[-1]
+        return str([list(vertex) for vertex in vertices[:-1]]) if is_closed else footprint
 
 
 def local_costmap() -> Costmap:

@@ -13,7 +13,7 @@ class DwbCritic(ParameterGroup):
 class RotateToGoalCritic(DwbCritic):
     """Heading at the goal."""
 
-    scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
+    scale: float = parameter(32.0, 0.0, 1e6)
     slowing_factor: float = parameter(5.0, 0.0, 1e6)
 
 
@@ -32,21 +32,21 @@ class ObstacleCritic(DwbCritic):
     BaseObstacle's is under the center, ObstacleFootprint's the greatest under the outline.
     """
 
-    scale: float = parameter(0.02, 0.0, 1e6, code=1.0)
+    scale: float = parameter(0.02, 0.0, 1e6)
     sum_scores: bool = parameter(False)
 
 
 class AlignCritic(DwbCritic):
     """Distance (m) from a point in front of the robot to the local plan or its extended goal."""
 
-    scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
-    forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
+    scale: float = parameter(32.0, 0.0, 1e6)
+    forward_point_distance: float = parameter(0.1, 0.0, 10.0)
 
 
 class DistCritic(DwbCritic):
     """Distance to the local plan, or to its end."""
 
-    scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
+    scale: float = parameter(32.0, 0.0, 1e6)
 
 
 class PreferForwardCritic(DwbCritic):
@@ -73,24 +73,24 @@ class DwbParameters(ParameterGroup):
     """
 
     min_vel_x: float = parameter(0.0, -5.0, 5.0)
-    max_vel_x: float = parameter(0.26, -5.0, 5.0, code=0.0)
+    max_vel_x: float = parameter(0.26, -5.0, 5.0)
     min_vel_y: float = parameter(0.0, -5.0, 5.0)
     max_vel_y: float = parameter(0.0, -5.0, 5.0)
-    max_vel_theta: float = parameter(1.0, 0.0, 100.0, code=0.0)
+    max_vel_theta: float = parameter(1.0, 0.0, 100.0)
     min_speed_xy: float = parameter(0.0, -100.0, 100.0)
-    max_speed_xy: float = parameter(0.26, -100.0, 100.0, code=0.0)
+    max_speed_xy: float = parameter(0.26, -100.0, 100.0)
     min_speed_theta: float = parameter(0.0, -100.0, 100.0)
-    acc_lim_x: float = parameter(2.5, 0.0, 100.0, code=0.0)
+    acc_lim_x: float = parameter(2.5, 0.0, 100.0)
     acc_lim_y: float = parameter(0.0, 0.0, 100.0)
-    acc_lim_theta: float = parameter(3.2, 0.0, 100.0, code=0.0)
-    decel_lim_x: float = parameter(-2.5, -100.0, 0.0, code=0.0)
+    acc_lim_theta: float = parameter(3.2, 0.0, 100.0)
+    decel_lim_x: float = parameter(-2.5, -100.0, 0.0)
     decel_lim_y: float = parameter(0.0, -100.0, 0.0)
-    decel_lim_theta: float = parameter(-3.2, -100.0, 0.0, code=0.0)
+    decel_lim_theta: float = parameter(-3.2, -100.0, 0.0)
     vx_samples: int = parameter(20, 0, 100)
     vy_samples: int = parameter(5, 0, 100)
     vtheta_samples: int = parameter(20, 0, 100)
     sim_time: float = parameter(1.7, 0.05, 5.0)
-    linear_granularity: float = parameter(0.05, 0.01, 10.0, code=0.5)
+    linear_granularity: float = parameter(0.05, 0.01, 10.0)
     angular_granularity: float = parameter(0.025, 0.01, 10.0)
     xy_goal_tolerance: float = parameter(0.25, 0.0, 100.0)
     trans_stopped_velocity: float = parameter(0.25, 0.0, 10.0)

@@ -35,7 +35,7 @@ class CostParameters(MppiCritic):
     near_collision_cost: int = parameter(253, 0, 255)
     critical_cost: float = parameter(300.0, 0.0, 1e6)
     collision_cost: float = parameter(1_000_000.0, 0.0, 1e12)
-    near_goal_distance: float = parameter(1.0, 0.0, 1e3, code=0.5)
+    near_goal_distance: float = parameter(1.0, 0.0, 1e3)
     trajectory_point_step: int = parameter(2, 1, 1000)
     consider_footprint: bool = parameter(False)
 
@@ -72,8 +72,8 @@ class PathAlignParameters(MppiCritic):
     With `use_path_orientations` 1 rad between their headings counts as 1 m.
     """
 
-    cost_weight: float = parameter(14.0, 0.0, 1e6, code=10.0)
-    max_path_occupancy_ratio: float = parameter(0.05, 0.0, 1.0, code=0.07)
+    cost_weight: float = parameter(14.0, 0.0, 1e6)
+    max_path_occupancy_ratio: float = parameter(0.05, 0.0, 1.0)
     trajectory_point_step: int = parameter(4, 1, 1000)
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
     offset_from_furthest: int = parameter(20, 0, 1000)
@@ -84,7 +84,7 @@ class PathFollowParameters(MppiCritic):
     """Distance of the last point to the plan's point just beyond the reach of all trajectories."""
 
     cost_weight: float = parameter(5.0, 0.0, 1e6)
-    offset_from_furthest: int = parameter(5, 0, 1000, code=6)
+    offset_from_furthest: int = parameter(5, 0, 1000)
     threshold_to_consider: float = parameter(1.4, 0.0, 1e3)
 
 
@@ -94,10 +94,10 @@ class PathAngleParameters(MppiCritic):
     `mode` 0 wants the front towards the point, 1 front or back, and 2 whichever the plan's heading there says.
     """
 
-    cost_weight: float = parameter(2.0, 0.0, 1e6, code=2.2)
+    cost_weight: float = parameter(2.0, 0.0, 1e6)
     offset_from_furthest: int = parameter(4, 0, 1000)
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
-    max_angle_to_furthest: float = parameter(1.0, 0.0, 4.0, code=0.785398)
+    max_angle_to_furthest: float = parameter(1.0, 0.0, 4.0)
     mode: int = parameter(0, 0, 2)
 
 
@@ -131,7 +131,7 @@ class MppiParameters(ParameterGroup):
     motion_model: MotionModel = parameter("DiffDrive")
     time_steps: int = parameter(56, 2, 1000)
     model_dt: float = parameter(0.05, 0.05, 1.0)
-    batch_size: int = parameter(2000, 1, 100_000, code=1000)
+    batch_size: int = parameter(2000, 1, 100_000)
     temperature: float = parameter(0.3, 1e-3, 1e6)
     gamma: float = parameter(0.015, 0.0, 1e3)
     vx_max: float = parameter(0.5, 0.0, 10.0)
@@ -146,7 +146,7 @@ class MppiParameters(ParameterGroup):
     vx_std: float = parameter(0.2, 1e-3, 10.0)
     vy_std: float = parameter(0.2, 1e-3, 10.0, needs=_OMNI)
     wz_std: float = parameter(0.4, 1e-3, 10.0)
-    prune_distance: float = parameter(1.7, 0.0, 100.0, code=1.5)
+    prune_distance: float = parameter(1.7, 0.0, 100.0)
     enforce_path_inversion: bool = parameter(False)
     inversion_xy_tolerance: float = parameter(0.2, 0.0, 100.0, needs=_INVERSIONS)
     inversion_yaw_tolerance: float = parameter(0.4, 0.0, 7.0, needs=_INVERSIONS)

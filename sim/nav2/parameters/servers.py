@@ -16,6 +16,9 @@ Deceleration: TypeAlias = Annotated[float, Field(ge=-1000.0, le=0.0)]
 MOST_ZONES: Final = 8
 """Areas of a collision monitor."""
 
+NO_LIMIT: Final = 1e6
+"""A number that nothing reaches."""
+
 
 class NavFn(ParameterGroup):
     """NavfnPlanner; tolerance in meters."""
@@ -36,34 +39,32 @@ class ControllerServer(ParameterGroup):
 
     controller_frequency: float = parameter(20.0, 0.5, 1000.0)
     costmap_update_timeout: float = parameter(0.3, 0.0, 1e6)
-    failure_tolerance: float = parameter(0.3, 0.0, 1e6, code=0.0)
-    min_x_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
-    min_y_velocity_threshold: float = parameter(0.5, 0.0, 10.0, code=0.0001)
-    min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
+    failure_tolerance: float = parameter(0.3, 0.0, NO_LIMIT, stands_for={-1.0: NO_LIMIT})
+    min_x_velocity_threshold: float = parameter(0.001, 0.0, 10.0)
+    min_y_velocity_threshold: float = parameter(0.5, 0.0, 10.0)
+    min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0)
 
 
 NO_ANGLE_RAD: Final = 7.0
 """No turn counts as progress: it is more than half a circle."""
-
-NO_LIMIT: Final = 1e6
 
 
 class ProgressChecker(ParameterGroup):
     """PoseProgressChecker (m, rad, s); a SimpleProgressChecker has the angle `NO_ANGLE_RAD`."""
 
     required_movement_radius: float = parameter(0.5, 0.0, 100.0)
-    required_movement_angle: float = parameter(NO_ANGLE_RAD, 0.0, NO_ANGLE_RAD, code=0.5)
-    movement_time_allowance: float = parameter(10.0, 0.1, 1e6)
+    required_movement_angle: float = parameter(NO_ANGLE_RAD, 0.0, NO_ANGLE_RAD)
+    movement_time_allowance: float = parameter(10.0, 0.0, 1e6)
 
 
 class GoalChecker(ParameterGroup):
     """StoppedGoalChecker (m, rad, and per second); a SimpleGoalChecker has velocities of `NO_LIMIT`."""
 
-    xy_goal_tolerance: float = parameter(0.25, 0.001, 100.0)
-    yaw_goal_tolerance: float = parameter(0.25, 0.001, 7.0)
+    xy_goal_tolerance: float = parameter(0.25, 0.0, 100.0)
+    yaw_goal_tolerance: float = parameter(0.25, 0.0, 1000.0)
     stateful: bool = parameter(True)
-    trans_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT, code=0.25)
-    rot_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT, code=0.25)
+    trans_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT)
+    rot_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT)
 
 
 class RotationShim(ParameterGroup):
@@ -99,8 +100,8 @@ class BehaviorServer(ParameterGroup):
 class WaypointFollower(ParameterGroup):
     """waypoint_follower with its WaitAtWaypoint task; the pause is in milliseconds."""
 
-    stop_on_failure: bool = parameter(False, code=True)
-    waypoint_pause_duration: int = parameter(200, 0, 10_000_000, code=0)
+    stop_on_failure: bool = parameter(False)
+    waypoint_pause_duration: int = parameter(200, 0, 10_000_000)
 
 
 class VelocitySmoother(ParameterGroup):
@@ -113,8 +114,8 @@ class VelocitySmoother(ParameterGroup):
     closed_loop: bool = choice(False, "feedback", {"OPEN_LOOP": False, "CLOSED_LOOP": True})
     odom_duration: float = parameter(0.1, 0.0, 5.0)
 
-    max_velocity: tuple[Forward, Forward, Forward] = parameter((0.5, 0.0, 2.0), code=(0.5, 0.0, 2.5))
-    min_velocity: tuple[Backward, Backward, Backward] = parameter((-0.5, 0.0, -2.0), code=(-0.5, 0.0, -2.5))
+    max_velocity: tuple[Forward, Forward, Forward] = parameter((0.5, 0.0, 2.0))
+    min_velocity: tuple[Backward, Backward, Backward] = parameter((-0.5, 0.0, -2.0))
     max_accel: tuple[Acceleration, Acceleration, Acceleration] = parameter((2.5, 0.0, 3.2))
     max_decel: tuple[Deceleration, Deceleration, Deceleration] = parameter((-2.5, 0.0, -3.2))
     velocity_timeout: float = parameter(1.0, 0.0, 1e6)
@@ -148,10 +149,10 @@ class CollisionMonitor(ParameterGroup):
     """
 
     enabled: bool = parameter(True)
-    time_before_collision: float = parameter(1.2, 0.0, 100.0, code=2.0)
+    time_before_collision: float = parameter(1.2, 0.0, 100.0)
     simulation_time_step: float = parameter(0.1, 0.001, 10.0)
-    min_points: int = parameter(6, 1, 100_000, code=4)
-    source_timeout: float = parameter(1.0, 0.0, 1e6, code=2.0)
+    min_points: int = parameter(6, 1, 100_000)
+    source_timeout: float = parameter(1.0, 0.0, 1e6)
     zones: tuple[MonitorZone, ...] = derived(())
 
 

@@ -1,0 +1,101 @@
+"""Nav2 parameter files with which Nav2 does not start, or starts and refuses every path."""
+
+import warnings
+
+import pytest
+from table import each_row
+
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
+from vastflow.sim.nav2.parameter_files.document import parse
+from vastflow.sim.nav2.parameter_files.findings import refusals
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+
+RPP = "{plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}"
+SIMPLE = "{plugin: 'nav2_controller::SimpleGoalChecker', xy_goal_tolerance: 0.05}"
+LYRICAL = "path_handler_plugins: [p], p: {plugin: 'nav2_controller::FeasiblePathHandler'}"
+MOVING = "{plugin: 'nav2_controller::SimpleProgressChecker'}"
+
+
+def controller_server(text):
+    return interpretation(parse(f"controller_server: {{ros__parameters: {{{text}}}}}", "nav2.yaml"))
+
+
+def mppi(critics, text=""):
+    own = f"{{plugin: 'nav2_mppi_controller::MPPIController', critics: [{critics}]{text}}}"
+    return controller_server(f"controller_plugins: [A], A: {own}").parameters.controller
+
+
+@each_row(
+    ("text", "is_followed"),
+    [
+        (f"goal_checker_plugins: [a, b], a: {SIMPLE}, b: {SIMPLE}", False),
+        (f"goal_checker_plugins: [general_goal_checker, b], general_goal_checker: {SIMPLE}, b: {SIMPLE}", False),
+        (f"progress_checker_plugins: [a, b], a: {MOVING}, b: {MOVING}", False),
+        (f"goal_checker_plugins: [a], a: {SIMPLE}", True),
+        (f"goal_checker_plugins: [a, a], a: {SIMPLE}", True),
+        ("progress_checker_plugins: []", True),
+        (
+            f"{LYRICAL}, goal_checker_plugins: [general_goal_checker, b], general_goal_checker: {SIMPLE}, b: {SIMPLE}",
+            True,
+        ),
+    ],
+)
+def test_several_checkers_of_which_the_tree_names_none_refuse_every_path(text, is_followed):
+    found = controller_server(text)
+    assert (found.parameters.progress_checker.movement_time_allowance > 0.0) == is_followed
+    assert (found.parameters.goal_checker.xy_goal_tolerance > 0.0) == is_followed
+    assert any("refuses each path" in consequence for _, consequence in found.reader.warnings.values()) != is_followed
+
+
+@each_row(
+    ("text", "words"),
+    [
+        ("controller_frequency: 20", "expected a double, such as 20.0"),
+        ("min_x_velocity_threshold: 1", "expected a double"),
+        (f"controller_plugins: [A], A: {RPP[:-1]}, lookahead_dist: 1}}", "expected a double"),
+        ("speed_limit_topic: 3", "expected text"),
+        ("publish_zero_velocity: 1", "expected true or false"),
+        (f"controllers: [Base], Base: {RPP}", "no controller_plugins names it; controller_plugins: [Base]"),
+    ],
+)
+def test_file_with_which_a_node_ends_is_refused(text, words):
+    (fault,) = refusals(controller_server(text))
+    assert words in str(fault)
+
+
+@each_row(
+    ("node", "text", "count"),
+    [
+        ("velocity_smoother", "max_velocity: [1, 0, 2]", 1),
+        ("velocity_smoother", "max_velocity: [0.5, 0, 2.0]", 1),
+        ("velocity_smoother", "max_velocity: [0.5, 0.0, 2.0]", 0),
+        ("amcl", "max_beams: 60.0", 1),
+        ("amcl", "alpha1: 1", 1),
+        ("amcl", "alpha1: 1.0", 0),
+        ("amcl", "robot_model_type: differential", 0),
+    ],
+)
+def test_numbers_of_another_type_are_refused(node, text, count):
+    found = interpretation(parse(f"{node}: {{ros__parameters: {{{text}}}}}"))
+    assert len([*refusals(found)]) == count
+
+
+def test_repeated_critic_counts_twice():
+    once, twice = mppi("GoalCritic, PathAlignCritic"), mppi("GoalCritic, PathAlignCritic, PathAlignCritic")
+    assert twice.PathAlignCritic.cost_weight == 2.0 * once.PathAlignCritic.cost_weight == 20.0
+    assert twice.GoalCritic == once.GoalCritic
+    squared = mppi("TwirlingCritic, TwirlingCritic", ", TwirlingCritic: {cost_weight: 3.0, cost_power: 2}")
+    assert squared.TwirlingCritic.cost_weight == pytest.approx(18.0**0.5)
+    own = "{plugin: 'dwb_core::DWBLocalPlanner', critics: [PathDist, Far], PathDist: {scale: 2.0}, Far: {class: PathDist, scale: 3.0}}"
+    assert controller_server(f"controller_plugins: [A], A: {own}").parameters.controller.PathDist.scale == 5.0
+
+
+def test_closed_footprint_is_read_as_the_open_one():
+    def read(end):
+        text = f"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]{end}]"
+        return interpretation(parse(f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{text}'}}}}}}"))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert inscribed_radius_of(read(", [0.3, 0.2]").parameters) == 0.2
+    assert read(", [0.3, 0.2]").parameters == read("").parameters

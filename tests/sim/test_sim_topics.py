@@ -1,0 +1,81 @@
+"""Topics of a Nav2 parameter file that do not meet have the effect that they have in Nav2."""
+
+from table import each_row
+
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of, unused_because
+from vastflow.sim.nav2.parameter_files.document import parse
+from vastflow.sim.nav2.parameter_files.findings import command_chain, findings
+from vastflow.sim.nav2.parameter_files.interpretation import NO_SMOOTHER, interpretation
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+
+RPP = "{plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}"
+INFO = (
+    "costmap_filter_info_server: {ros__parameters: {filter_info_topic: info, type: 1, base: 100.0, multiplier: -1.0}}"
+)
+
+
+def with_speed_filter(said, heard):
+    own = f"s: {{plugin: 'nav2_costmap_2d::SpeedFilter', filter_info_topic: info{said}}}"
+    server = f"controller_server: {{ros__parameters: {{controller_plugins: [A], A: {RPP}{heard}}}}}"
+    return f"{server}\nglobal_costmap: {{global_costmap: {{ros__parameters: {{filters: [s], {own}}}}}}}\n{INFO}"
+
+
+@each_row(
+    ("said", "heard", "meet"),
+    [
+        ("", "", True),
+        (", speed_limit_topic: /speed_limit", "", True),
+        (", speed_limit_topic: zone", ", speed_limit_topic: /zone", True),
+        (", speed_limit_topic: zone", "", False),
+        (", speed_limit_topic: zone", ", speed_limit_topic: speed_limit", False),
+        ("", ", speed_limit_topic: other", False),
+    ],
+)
+def test_speed_limit_arrives_where_topics_meet(said, heard, meet):
+    found = interpretation(parse(with_speed_filter(said, heard)))
+    assert found.parameters.global_costmap.speed_filter.enabled == meet
+    assert any("no limit arrives" in consequence for _, consequence in found.reader.warnings.values()) != meet
+    statuses = {each.status for each in findings(found) if "s" in each.path and each.path[-1] != "speed_limit_topic"}
+    assert statuses == ({"modeled"} if meet else {"no effect"})
+
+
+def test_mask_of_an_unheard_speed_filter_has_a_reason(tmp_path):
+    (tmp_path / "nav2.yaml").write_text(with_speed_filter(", speed_limit_topic: zone", ""))
+    content = nav2_file(tmp_path / "nav2.yaml")
+    assert "publishes on zone" in unused_because({"nav2_params": content, "speed_mask": content}, "speed_mask")
+    assert not parameters_of({"nav2_params": content}).global_costmap.speed_filter.enabled
+
+
+MONITOR = "collision_monitor: {ros__parameters: {polygons: [], observation_sources: []TOPICS}}"
+
+
+@each_row(
+    ("topics", "greatest_mps", "chain"),
+    [
+        ("", 0.5, "controller → velocity_smoother → (cmd_vel_smoothed) → collision_monitor → (cmd_vel) → base"),
+        (
+            ", cmd_vel_in_topic: /robot/cmd_vel_smoothed, cmd_vel_out_topic: base",
+            0.5,
+            "controller → velocity_smoother → (cmd_vel_smoothed) → collision_monitor → (base) → base",
+        ),
+        (
+            ", cmd_vel_in_topic: cmd_vel_raw",
+            0.0,
+            "controller → velocity_smoother → (cmd_vel_smoothed) ✗ (cmd_vel_raw) → collision_monitor → (cmd_vel) → base",
+        ),
+        (
+            ", cmd_vel_in_topic: cmd_vel_nav",
+            NO_SMOOTHER.max_velocity[0],
+            "controller → (cmd_vel_nav) → collision_monitor → (cmd_vel) → base",
+        ),
+    ],
+)
+def test_commands_pass_where_the_monitors_topics_meet(topics, greatest_mps, chain):
+    found = interpretation(parse(MONITOR.replace("TOPICS", topics)))
+    assert command_chain(found) == chain
+    assert found.parameters.velocity_smoother.max_velocity[0] == greatest_mps
+    assert bool(found.reader.warnings) == bool(topics)
+
+
+def test_chain_without_a_monitor_ends_at_the_smoother():
+    assert command_chain(interpretation(parse("amcl: {ros__parameters: }"))) == "controller → velocity_smoother → base"
