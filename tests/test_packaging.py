@@ -156,7 +156,8 @@ def test_entry_points_load(group):
 def needed(*folders: str) -> set[str]:
     """Distributions of everything foreign that the files in `folders` import."""
     providers = packages_distributions()
-    foreign = imported_modules(*folders) - set(sys.stdlib_module_names) - {"vastflow"}
+    # Type checkers alone have `_typeshed`.
+    foreign = imported_modules(*folders) - set(sys.stdlib_module_names) - {"vastflow", "_typeshed"}
     # A distribution that is one extension module is not listed before Python 3.12; manifold3d has the module's name.
     # pydantic's core is a distribution of its own, which pydantic pins to the exact version it needs.
     return {canonical(providers.get(module, [module])[0]) for module in foreign} - {"pydantic-core"}

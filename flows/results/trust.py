@@ -20,7 +20,15 @@ from vastflow.oracles.results.unusable import reading
 from vastflow.producers.campaign_file.postprocessing import RECORDED, UNTOUCHED
 from vastflow.sim.model.digest import digest, file_digest
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.model.files import MOST_TEXT_BYTES, json_value, read_bytes, read_json, read_text, yaml_value
+from vastflow.sim.model.files import (
+    MOST_TEXT_BYTES,
+    Unreadable,
+    json_value,
+    read_bytes,
+    read_json,
+    read_text,
+    yaml_value,
+)
 from vastflow.sim.scenario.programs.actions import PROCESSES
 
 _CAMPAIGN: Final = "campaign.vast"
@@ -112,7 +120,10 @@ def _is_code(path: Path) -> bool:
 
 def _programs(directory: Path) -> Iterator[str]:
     """Name commands of the campaign file, and programs of its scenarios."""
-    campaign = yaml_value(read_text(directory / _CAMPAIGN))
+    try:
+        campaign = yaml_value(read_text(directory / _CAMPAIGN))
+    except Unreadable as error:
+        raise type(error)(f"{_CAMPAIGN}: {error.what}", "a whole campaign directory", error.place) from None
     execution = campaign.get("execution") or {}
     for name in ("pre_command", "post_command"):
         if execution.get(name):

@@ -376,8 +376,9 @@ def open_store(
         try:
             store._files.prepare()
         except StoreError as error:
-            # A network that is away has no answer to reading either, after as long a wait.
-            if not may_be_full or (address is not None and not isinstance(error.__context__, PermissionError)):
+            # What is no folder, or a network that is away, can't be read either.
+            readable = store.local.is_dir() if address is None else isinstance(error.__context__, PermissionError)
+            if not (may_be_full and readable):
                 raise
             store = Store(place, read_only=True)
             store.unwritable = error

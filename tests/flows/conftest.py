@@ -76,10 +76,12 @@ def ran(small_room, tmp_path, tree):
         instantiation = Instantiator(campaign, store, keys, tree).instantiated(evaluate).instantiation
         for configuration in instantiation.configurations:
             scenario = checked_digest(configuration.scenario)
-            recordings = store.put(f"{keys.recordings(scenario)}/0-2", {"recordings.parquet": block})
+            recordings = store.put(
+                f"{keys.recordings(scenario)}/0-2", {"recordings.parquet": block}, {"runs": [[0, 9.0], [1, 9.0]]}
+            )
             trace = store.put(keys.trace(scenario, recordings.content), {"traces.parquet": b"trace"})
             key = keys.verdicts(scenario, recordings.content, trace.content)
-            store.put(key, {"verdicts.json": verdicts}, {"runs": [[0, "pass"], [1, "pass"]]})
+            store.put(key, {"verdicts.json": verdicts}, {"runs": [[0, "pass"], [1, "pass"]], "causes": []})
         named = {"created": CREATED + timedelta(hours=next(hours)), "instantiation": instantiation, "tree": tree}
         return write_results(small_room, tmp_path / "results", ConfigurationResult([block]), **named).directory
 

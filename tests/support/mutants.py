@@ -314,7 +314,7 @@ class ManifestKind:
         """Write a store whose artifact is damaged, look it up, and verify the store."""
         shutil.rmtree(self.place, ignore_errors=True)
         key = "execute/ab/abcd/0-3"
-        open_store(self.place).put(key, {"a.bin": b"one"}, {"runs": [[0, 12.5]], "places": {"a.bin": "recordings/a"}})
+        open_store(self.place).put(key, {"a.bin": b"one"}, {"runs": [[0, 12.5]]})
         (manifest,) = (file for file in self.place.rglob("*") if file.name == "manifest")
         promise = manifest.read_bytes().partition(b"\n")[2]
         what = rng.random()

@@ -42,12 +42,13 @@ class Pool(AtOnce):
         store = arguments[0] if arguments else None
         if stage is work.execute:
             _, home, _, start, stop, _ = arguments
-            store.put(f"{home}/{start}-{stop}", {"recordings.parquet": f"{name} {start} {stop}".encode()})
+            facts = {"runs": [[run, 10.0] for run in range(start, stop)]}
+            store.put(f"{home}/{start}-{stop}", {"recordings.parquet": f"{name} {start} {stop}".encode()}, facts)
             return Executed({run: 10.0 for run in range(start, stop)}, {})
         if stage is work.observe:
             store.put(arguments[2], {"traces.parquet": b"trace"})
         if stage is work.judge:
-            store.put(arguments[3], {"verdicts.json": b"[]"}, {"runs": [[0, "pass"], [1, "fail"]]})
+            store.put(arguments[3], {"verdicts.json": b"[]"}, {"runs": [[0, "pass"], [1, "fail"]], "causes": []})
         return None
 
 
@@ -177,9 +178,13 @@ def test_interrupted_task_run_ends_as_cancelled():
 def test_whole_unit_leaves_nothing_to_the_other_stages(engine, pool):
     def compute(store, keys, checked, scenario, start, stop, oracles):
         home = keys.recordings(checked)
-        made = [store.put(f"{home}/{start}-{stop}", {"recordings.parquet": b"recordings"})]
+        facts = {"runs": [[run, 10.0] for run in range(start, stop)]}
+        made = [store.put(f"{home}/{start}-{stop}", {"recordings.parquet": b"recordings"}, facts)]
         made.append(store.put(keys.trace(checked, made[0].content), {"traces.parquet": b"trace"}))
-        key, info = keys.verdicts(checked, made[0].content, made[1].content), {"runs": [[0, "pass"], [1, "fail"]]}
+        key, info = (
+            keys.verdicts(checked, made[0].content, made[1].content),
+            {"runs": [[0, "pass"], [1, "fail"]], "causes": []},
+        )
         made.append(store.put(key, {"verdicts.json": b"[]"}, info))
         return Executed({run: 10.0 for run in range(start, stop)}, {}, 1.0, tuple(made))
 

@@ -19,7 +19,8 @@ def index(tmp_path):
 
 def put(index, start, stop):
     home = index.keys.recordings(CONFIGURATION.checked)
-    return index.store.put(f"{home}/{start}-{stop}", {"recordings.parquet": f"{start} {stop}".encode()})
+    facts = {"runs": [[run, 10.0] for run in range(start, stop)]}
+    return index.store.put(f"{home}/{start}-{stop}", {"recordings.parquet": f"{start} {stop}".encode()}, facts)
 
 
 def spans(blocks):
@@ -58,7 +59,7 @@ def test_verdicts_are_found_through_the_trace(index):
     trace = index.store.put(index.trace_key(CONFIGURATION, found.block), {"traces.parquet": b"t"})
     key = index.verdicts_key(CONFIGURATION, found.block, trace.content)
     assert index.stored(CONFIGURATION)[0].verdicts is None
-    verdicts = index.store.put(key, {"verdicts.json": b"[]"})
+    verdicts = index.store.put(key, {"verdicts.json": b"[]"}, {"runs": [], "causes": []})
     assert index.stored(CONFIGURATION)[0].verdicts == verdicts
 
 

@@ -26,6 +26,7 @@ POSES = {"start_pose": {"x": 1.0, "y": 1.5}, "goal_pose": {"x": 2.0, "y": 1.5}}
 STAGES = {"execute": EXECUTE_SOURCE, "observe": OBSERVE_SOURCE, "judge": JUDGE_SOURCE, "evaluate": EVALUATE_SOURCE}
 
 RESULTS_OF_READING = {
+    "vastflow.sim.nav2.parameter_files.chosen.drawn_parameters",
     "vastflow.sim.nav2.parameter_files.chosen.parameters_of",
     "vastflow.sim.nav2.parameter_files.interpretation.noise_value",
     "vastflow.sim.reading.checked.checked_of",

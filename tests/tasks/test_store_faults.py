@@ -40,7 +40,7 @@ class Pool(AtOnce):
     def execute(self, store, home, scenario, start, stop, seed):
         recorded = f"recorded {scenario.digest} {start} {stop}".encode() * 20
         files = {RECORDINGS: recorded, BEHAVIORS: b"behaviors" * 9}
-        store.put(f"{home}/{start}-{stop}", files, {"runs": stop - start}, {RUN_LOG: b"{}"})
+        store.put(f"{home}/{start}-{stop}", files, {"runs": [[k, 10.0] for k in range(start, stop)]}, {RUN_LOG: b"{}"})
         return Executed({run: 10.0 for run in range(start, stop)}, {})
 
     def observe(self, store, recording_key, key, scenario):
@@ -48,7 +48,7 @@ class Pool(AtOnce):
 
     def judge(self, store, recording_key, trace_key, key, scenario, oracles):
         judged = store.read(recording_key, RECORDINGS) + store.read(trace_key, TRACES)
-        store.put(key, {VERDICTS: b"verdicts on " + judged}, {"runs": [[k, "pass"] for k in range(3)]})
+        store.put(key, {VERDICTS: b"verdicts on " + judged}, {"runs": [[k, "pass"] for k in range(3)], "causes": []})
 
 
 def campaign(store):
