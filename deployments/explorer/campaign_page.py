@@ -16,7 +16,7 @@ from starlette.responses import RedirectResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer import configuration_page, facets, trajectories
-from vastflow.deployments.explorer.directories import Directories
+from vastflow.deployments.explorer.directories import Directories, headline_of
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages, address, arrays_reply, name_of, number_of
 from vastflow.deployments.explorer.selection import (
@@ -88,11 +88,13 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
 
 def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Mapping[str, Any]:
     """Return the counts of the selection, its reasons, its program, and the choices of the page."""
+    found = facets.summary_json(campaign.table, mask, by_result=is_by_result(campaign.table, chosen))
+    if mask.all() and (told := headline_of(campaign.directory)):
+        found["headline"] = str(told.get("text"))
     return {
         "filter": format_filter(chosen),
         "conditions": [asdict(each) for each in chosen.values()],
-        "summary": facets.summary_json(campaign.table, mask),
-        "by_result": is_by_result(campaign.table, chosen),
+        "summary": found,
         "reasons": facets.reasons_json(campaign.table, mask),
         "columns": facets.column_list(campaign.facets),
         "maps": campaign.maps,

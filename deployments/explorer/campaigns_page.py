@@ -11,10 +11,12 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
+from vastflow.deployments.explorer.directories import CampaignDirectory, Directories, headline_of
 from vastflow.deployments.explorer.file_change import FileChange, file_change
 from vastflow.deployments.explorer.pages import Pages, address
-from vastflow.oracles.statistics.intervals import Counts
+from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
+from vastflow.oracles.statistics.intervals import Counts, Interval
+from vastflow.oracles.statistics.looks import Mean
 
 MOST_POINTS: Final = 30
 """Campaigns in a drawing, the newest."""
@@ -34,11 +36,14 @@ class CampaignRow:
 
     Attributes:
         counts: Judged runs; None where they are not known.
+        mean: Rate and interval of the headline `text`; None where they are not known, and for a search.
         change: None for the first campaign of its name, and for one that is not finished.
     """
 
     campaign: CampaignDirectory
     counts: Counts | None
+    mean: Mean | None
+    text: str
     change: FileChange | None
 
 
@@ -50,6 +55,19 @@ def counts_of(campaign: CampaignDirectory) -> Counts | None:
     return Counts(*known) if len(known) == len(numbers) else None
 
 
+def mean_of(campaign: CampaignDirectory) -> Mean | None:
+    """Return rate and interval of a headline; without one, of the counts if runs were fixed."""
+    if told := headline_of(campaign):
+        ends = told.get("these")
+        numbers = [told.get("rate"), *(ends.get(end) for end in ("low", "high"))] if isinstance(ends, dict) else []
+        known = [float(n) for n in numbers if isinstance(n, int | float) and 0.0 <= n <= 1.0]
+        return (known[0], Interval(*known[1:])) if len(known) == 3 else None
+    counts = counts_of(campaign)
+    if counts is None or counts.rate is None or campaign.metadata.get(SEARCH) or campaign.metadata.get(SEQUENTIAL):
+        return None
+    return counts.rate, counts.interval
+
+
 def rows_of(found: Sequence[CampaignDirectory], change_of: Changes) -> Iterator[CampaignRow]:
     """Yield the rows of campaigns that are sorted newest first."""
     for k, each in enumerate(found):
@@ -58,23 +76,23 @@ def rows_of(found: Sequence[CampaignDirectory], change_of: Changes) -> Iterator[
             earlier = (other for other in found[k + 1 :] if other.name == each.name and other.state == "finished")
             previous = next(earlier, None)
             change = None if previous is None else change_of(previous, each)
-        yield CampaignRow(each, counts_of(each), change)
+        yield CampaignRow(each, counts_of(each), mean_of(each), str(headline_of(each).get("text", "")), change)
 
 
 def trends_of(rows: Sequence[CampaignRow]) -> Iterator[Mapping[str, Any]]:
     """Yield the newest rates of each name that several campaigns with judged runs have, the newest name first.
 
-    A trend has its campaigns with their runs, oldest first, the ends of the scale, and the number of older ones that are left out.
+    A trend has the rows of its campaigns, oldest first, the ends of the scale, and the number of older ones that are left out.
     """
-    series: dict[str, list[tuple[CampaignDirectory, Counts]]] = {}
+    series: dict[str, list[CampaignRow]] = {}
     for row in rows:
-        if row.counts is not None and row.counts.judged:
-            series.setdefault(row.campaign.name, []).insert(0, (row.campaign, row.counts))
+        if row.mean is not None:
+            series.setdefault(row.campaign.name, []).insert(0, row)
     for name, campaigns in series.items():
         if len(campaigns) > 1:
             drawn = campaigns[-MOST_POINTS:]
-            low = min(counts.interval.low for _, counts in drawn)
-            high = max(counts.interval.high for _, counts in drawn)
+            ends = [row.mean[1] for row in drawn if row.mean is not None]
+            low, high = min(each.low for each in ends), max(each.high for each in ends)
             scale = {
                 "low": math.floor(round(low / _STEP, 6)) * _STEP,
                 "high": math.ceil(round(high / _STEP, 6)) * _STEP,

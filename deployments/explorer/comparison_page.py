@@ -41,7 +41,7 @@ class Question:
 
     Attributes:
         oracle: None for all oracles together.
-        margin: Accepted loss of success rate, as a share of the runs.
+        margin: Accepted loss, as a share of the runs.
     """
 
     before: CampaignDirectory

@@ -91,7 +91,7 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
         "passed": passed,
         "failed": failed,
         "not_judged": not_judged,
-        **rate_json(Counts(passed, failed, not_judged)),
+        **rate_json(Counts(passed, failed, not_judged), table.runs),
         "family": table.value("family", own.start),
         "values": [
             {"name": n, "value": table.value(n, own.start)} for n, c in table.columns.items() if c.group in _GIVEN

@@ -157,6 +157,13 @@ def _ends(file: Path) -> tuple[Event | None, Event | None]:
     return event_of(head), event_of(tail)
 
 
+def headline_of(campaign: CampaignDirectory) -> Mapping[str, Any]:
+    """Return the headline that was written with a finished campaign; empty without one."""
+    counts = campaign.metadata.get("counts")
+    found = counts.get("headline") if isinstance(counts, dict) else None
+    return found if isinstance(found, dict) else {}
+
+
 MetadataReader: TypeAlias = Callable[[Path, tuple[int, ...]], Mapping[str, Any]]
 """Reads `metadata.json` of a directory; the second argument tells a cache that it is another file."""
 

@@ -1,7 +1,8 @@
 """Views of selected runs: rates, facets, pages of configurations, points, and reasons."""
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
@@ -16,15 +17,18 @@ from vastflow.deployments.explorer.selection import (
     Column,
     Condition,
     Filter,
+    Runs,
     RunTable,
     ValuesOf,
     is_place,
     mask_of,
     number_text,
 )
+from vastflow.oracles.evidence.headline import Headline
 from vastflow.oracles.results.factors import MOST_LEVELS
 from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS
 from vastflow.oracles.statistics.intervals import Counts
+from vastflow.oracles.statistics.looks import mean_rate
 
 Kind: TypeAlias = Literal["values", "numbers", "constant", "places"]
 
@@ -98,16 +102,27 @@ class Chosen:
     Attributes:
         runs, verdict, configuration: (n,) index, verdict, and configuration of each run.
         counts: (configurations, 3) runs of each verdict.
+        share: (n,) of each run in the mean of its configurations' rates; those of a configuration's judged runs have the sum 1.
     """
 
     def __init__(self, table: RunTable, mask: Bools) -> None:
         self.runs = np.flatnonzero(mask)
         self.verdict, self.configuration = table.verdict[self.runs], table.configuration[self.runs]
         self.counts = _counts(self.configuration, self.verdict, len(table.configurations))
+        weight = table.weight[self.runs] * (self.verdict != NOT_JUDGED)
+        sums = np.bincount(self.configuration, weight, len(self.counts))[self.configuration]
+        self.share = np.divide(weight, sums, out=np.zeros_like(weight), where=sums > 0)
 
     def of(self, facet: Facet) -> NDArray[np.int64]:
         """Return the runs (cells, 3) of each cell and verdict."""
         return _counts(facet.cells[self.runs], self.verdict, facet.size)
+
+    def rates(self, cells: NDArray[Any], size: int) -> NDArray[np.float64]:
+        """Return the mean of the configurations' rates in each cell, NaN without judged runs."""
+        passed = np.bincount(cells, self.share * (self.verdict == PASS), size)
+        with np.errstate(invalid="ignore"):
+            found: NDArray[np.float64] = passed / np.bincount(cells, self.share, size)
+        return found
 
 
 class Facets:
@@ -152,7 +167,8 @@ def _facet_json(facet: Facet, chosen: Chosen, condition: Condition | None) -> di
         order = np.sort(np.argsort(-counts.sum(axis=1), kind="stable")[:MOST_VALUES])
         asked = condition.values if isinstance(condition, ValuesOf) else ()
         order = np.union1d(order, [k for k, value in enumerate(facet.values) if value in asked]).astype(np.int64)
-    shown = [{"value": facet.values[k], **_counts_json(counts[k])} for k in order.tolist()]
+    rates = [None if math.isnan(rate) else rate for rate in chosen.rates(facet.cells[chosen.runs], facet.size).tolist()]
+    shown = [{"value": facet.values[k], **_counts_json(counts[k]), "rate": rates[k]} for k in order.tolist()]
     return {**told, "values": shown, "left_out": facet.size - len(order)}
 
 
@@ -162,22 +178,35 @@ def _counts(cells: NDArray[Any], verdict: NDArray[np.int8], n: int) -> NDArray[n
 
 
 def _counts_json(counts: NDArray[np.int64]) -> dict[str, Any]:
-    passed, failed, not_judged = counts.tolist()
-    whole = {"passed": passed, "failed": failed, "not_judged": not_judged}
-    return {**whole, **rate_json(Counts(passed, failed, not_judged))}
+    return dict(zip(("passed", "failed", "not_judged"), counts.tolist(), strict=True))
 
 
-def rate_json(counts: Counts) -> dict[str, Any]:
-    """Return the success rate and its interval; None where nothing was judged."""
+def rate_json(counts: Counts, runs: Runs) -> dict[str, Any]:
+    """Return a configuration's rate and its interval; None where nothing was judged, and no interval where a search chose it."""
     ends = counts.interval
-    return {"rate": counts.rate, "interval": [ends.low, ends.high] if counts.judged else None}
+    known = counts.judged and runs != "searched"
+    return {"rate": counts.rate, "interval": [ends.low, ends.high] if known else None}
 
 
-def summary_json(table: RunTable, mask: Bools) -> dict[str, Any]:
-    """Return counts, rate, and interval of the selected runs."""
+def summary_json(table: RunTable, mask: Bools, *, by_result: bool = False) -> dict[str, Any]:
+    """Return counts and headline of the selected runs.
+
+    There is no interval where runs were chosen `by_result`, ended by a rule, or were searched for.
+    """
     chosen = Chosen(table, mask)
+    counts = chosen.counts.sum(axis=0)
+    judged = chosen.counts[:, PASS] + chosen.counts[:, FAIL]
+    of, passed = np.flatnonzero(judged), chosen.rates(chosen.configuration, len(judged))
+    rate, these = mean_rate(passed[of], judged[of]) or (None, None)
+    left_out = int((chosen.counts.any(axis=1) & (judged == 0)).sum())
+    told = Headline(rate, None if by_result or table.runs != "fixed" else these, None, len(of), left_out)
+    if table.runs == "searched":
+        told = replace(told, finding=f"{counts[PASS]:,} of {judged.sum():,} judged runs passed")
     return {
-        **_counts_json(chosen.counts.sum(axis=0)),
+        **_counts_json(counts),
+        "headline": told.text,
+        "rate": told.rate,
+        "interval": [told.these.low, told.these.high] if told.these else None,
         "runs": len(chosen.runs),
         "all_runs": len(table),
         "configurations": int(chosen.counts.any(axis=1).sum()),
@@ -212,6 +241,7 @@ def rows_json(
         {
             "configuration": table.configurations[here[k]],
             **_counts_json(counts[k]),
+            **rate_json(Counts(*counts[k].tolist()), table.runs),
             "values": [*map(_rounded, each.values())],
         }
         for k, each in zip(page.to_pylist(), values, strict=True)

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.facets import Facets
-from vastflow.deployments.explorer.selection import WIDE_FILE, RunTable, read_run_table
+from vastflow.deployments.explorer.selection import WIDE_FILE, Runs, RunTable, read_run_table
 from vastflow.deployments.explorer.trajectories import Reading
+from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
@@ -90,7 +91,9 @@ def _opened(directory: CampaignDirectory, written_ns: int | None) -> Campaign:
         words = "it is still running" if directory.state == "running" else "its tables were not written"
         raise UnusableDirectory(f"{path.name}: expected the tables of a finished campaign, but {words}")
     with reading(path):
-        table = read_run_table(path)
+        said = directory.metadata
+        runs: Runs = "searched" if said.get(SEARCH) else "sequential" if said.get(SEQUENTIAL) else "fixed"
+        table = read_run_table(path, runs)
         rows = table_rows(path / _CONFIGURATIONS, "name", "environment")
         environments = {row["name"]: row["environment"] or "" for row in rows}
         pa.default_memory_pool().release_unused()

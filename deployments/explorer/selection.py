@@ -18,15 +18,28 @@ from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS, run_keys
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.parquet import open_table
 
+Runs: TypeAlias = Literal["fixed", "sequential", "searched"]
+"""How runs of a campaign came about: as many as asked, until a rule ended them, or where a search put them."""
 Group: TypeAlias = Literal["run", "verdict", "metric", "factor", "path"]
 Bools: TypeAlias = NDArray[np.bool_]
 
 WIDE_FILE: Final = "runs_wide.parquet"
 """See `vastflow.oracles.evidence.wide`, whose import takes a second."""
 PASSED: Final = "passed"
-RUN_COLUMNS: Final = ("family", "outcome", "cause", "reason", "stood_still", "simulated_s", "distance_m", "recoveries")
+WEIGHT: Final = "weight"
+RUN_COLUMNS: Final = (
+    "family",
+    "purpose",
+    "outcome",
+    "cause",
+    "reason",
+    "stood_still",
+    "simulated_s",
+    "distance_m",
+    "recoveries",
+)
 RUN_COUNTS: Final = ("missed_goals", "contacts", "configuration", "run_index")
-_ASKED: Final = ("family", "configuration", "run_index")
+_ASKED: Final = ("family", "purpose", "configuration", "run_index")
 """Columns of a run that do not come from its execution."""
 JUDGED: Final = ("pass", "fail")
 """Levels of a verdict; a run that was not judged has none."""
@@ -71,6 +84,7 @@ class RunTable:
     Attributes:
         verdict: (R,) codes `PASS`, `FAIL`, `NOT_JUDGED` of all oracles together.
         configuration: (R,) index into `configurations`.
+        weight: (R,) of the run in its configuration's rate.
     """
 
     columns: Mapping[str, Column] = field(repr=False)
@@ -78,6 +92,8 @@ class RunTable:
     configuration: NDArray[np.int64] = field(repr=False)
     configurations: tuple[str, ...] = field(repr=False)
     run_index: NDArray[np.int64] = field(repr=False)
+    weight: NDArray[np.float64] = field(repr=False)
+    runs: Runs = "fixed"
 
     def __len__(self) -> int:
         return len(self.verdict)
@@ -226,7 +242,7 @@ def _of_levels(column: Column, chosen: Sequence[bool], *, missing: bool) -> Bool
     return np.asarray(np.array([*chosen, missing], dtype=np.bool_)[column.values])
 
 
-def read_run_table(directory: Path) -> RunTable:
+def read_run_table(directory: Path, runs: Runs = "fixed") -> RunTable:
     """Read the runs of a campaign directory, see `vastflow.oracles.evidence.wide`.
 
     Raises:
@@ -247,7 +263,8 @@ def read_run_table(directory: Path) -> RunTable:
     if len(of) and (of[0] < 0 or not (np.diff(run_keys(of, run_index.astype(np.int64))) > 0).all()):
         raise ValueError(f"{WIDE_FILE}: expected the runs of each configuration one after another, got another order")
     verdict = np.where(joint < 0, NOT_JUDGED, np.where(joint == 0, PASS, FAIL)).astype(np.int8)
-    return RunTable(columns, verdict, of, configuration.levels or (), run_index.astype(np.int64))
+    weight = columns.pop(WEIGHT).values if WEIGHT in columns else np.ones(len(of))
+    return RunTable(columns, verdict, of, configuration.levels or (), run_index.astype(np.int64), weight, runs)
 
 
 def _column(name: str, column: Any, oracles: Sequence[str]) -> Column:
@@ -276,7 +293,7 @@ def _group(name: str, oracles: Sequence[str]) -> Group:
 
 
 def is_by_result(table: RunTable, chosen: Filter) -> bool:
-    """True if runs were chosen by what came out, so that their success rate tells nothing of others."""
+    """True if runs were chosen by what came out, so that their rate tells nothing of others."""
     named = (table.column(each.column) for each in chosen.values())
     return any(each.group in ("run", "verdict", "metric") and each.name not in _ASKED for each in named)
 

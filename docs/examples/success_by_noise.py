@@ -1,4 +1,4 @@
-"""Run a part of the quickstart and print the success rate of each noise level."""
+"""Run a part of the quickstart and print the rate of passed runs of each noise level."""
 
 from vastflow.flows import run_campaign
 

@@ -1,4 +1,4 @@
-"""The command `compare`: the differences between two campaigns, and a gate on the loss of success rate."""
+"""The command `compare`: the differences between two campaigns, and a gate on the loss of passed runs."""
 
 import json
 import sys
@@ -29,9 +29,7 @@ def compare(
     target: Annotated[
         Target, typer.Option(help="Draw conclusions about these scenarios, or about others of their kind.")
     ] = "these",
-    margin: Annotated[
-        float, typer.Option(min=0.0, max=1.0, help="Accepted loss of success rate, as a share of the runs.")
-    ] = 0.02,
+    margin: Annotated[float, typer.Option(min=0.0, max=1.0, help="Accepted loss, as a share of the runs.")] = 0.02,
     junit: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a JUnit file with the gate and each configuration.")
     ] = None,

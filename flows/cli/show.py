@@ -27,7 +27,7 @@ def show(
 ) -> None:
     """Show a campaign.
 
-    Success rates, rejections with their reasons, and the path of the report; with --json, the coverage. With --follow, the progress
+    Its headline, rates, rejections with their reasons, and the path of the report; with --json, the coverage. With --follow, the progress
     of a running campaign and its failures as they come; with --json, its events, one a line.
     """
     if follow:
@@ -80,7 +80,12 @@ def _follow(results: Path, as_json: bool) -> None:
             print(f"{directory.name} stopped: {reason}")
         raise typer.Exit(INTERRUPTED)
     if not as_json:
+        from vastflow.oracles.evidence.evidence import headline_of
+        from vastflow.oracles.results.tables import read_tables
+
         counts = last.values
+        with reading(directory):
+            print(headline_of(read_tables(directory)).text)
         print(f"{counts['passed']} passed, {counts['failed']} failed, {counts['not_judged']} not judged")
         print(report_line(directory))
 

@@ -1,4 +1,4 @@
-"""A comparison of two campaign directories: verdicts, parameters, code, and the gate on a loss of success rate."""
+"""A comparison of two campaign directories: verdicts, parameters, code, and the gate on a loss of passed runs."""
 
 import json
 from collections import Counter
@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeAlias
 from vastflow.flows.request.campaign_file import recorded_keys
 from vastflow.flows.results.provenance import campaign_changes
 from vastflow.flows.terminal.progress import count_text
+from vastflow.oracles.evidence.evidence import headline_of
 from vastflow.oracles.evidence.pairing import Pairing, pairing_of
 from vastflow.oracles.evidence.varied import varied_rows
 from vastflow.oracles.results.executed import KeptFiles, environment_names
@@ -245,6 +246,7 @@ class Compared:
         whole: The difference over all pairs; `oracles` has it by oracle, `levels` by levels of the candidate's factors.
         changes: Configurations with changed outcomes, the most certain first.
         differences: Parameters that differ between paired configurations; `campaign_differences` are sentences on the rest.
+        headlines: Of the baseline and of the candidate, each of all its runs.
     """
 
     before: Tables = field(repr=False)
@@ -258,6 +260,7 @@ class Compared:
     gate: Gate
     differences: Sequence[Difference]
     campaign_differences: Sequence[str]
+    headlines: tuple[str, str]
 
     def shown(self, *, worse: bool) -> list[Change]:
         """Return the configurations that newly fail, or newly pass."""
@@ -306,6 +309,7 @@ def compared(
         gate=Gate(pairing, whole, target, margin, oracle, new_faults, same_keys),
         differences=differences(before, after, pairing),
         campaign_differences=campaign_changes(before.metadata, after.metadata),
+        headlines=(headline_of(before).text, headline_of(after).text),
     )
 
 

@@ -24,9 +24,10 @@ MOST_DIFFERENT: Final = 16
 
 def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[RenderableType]:
     """Yield pairs, differences, changed configurations, levels of factors, and the gate."""
-    for letter, tables in (("A", found.before), ("B", found.after)):
+    for letter, tables, headline in zip("AB", (found.before, found.after), found.headlines, strict=True):
         created = str(tables.metadata.get("created", "")).replace("T", " ")
         yield Text(f"{letter}  {tables.metadata.get('name', '')}, {created}, {tables.directory}")
+        yield Text(f"   {headline}")
     matches, pairs = found.pairing.matches, found.whole.pairs
     other = sum(match.how == "other system" for match in matches)
     how = f"{other:,} of them with another system" if other else "all equal"
@@ -67,6 +68,7 @@ def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
     return {
         "before": str(found.before.directory),
         "after": str(found.after.directory),
+        "headlines": dict(zip(("before", "after"), found.headlines, strict=True)),
         "oracle": found.oracle,
         "paired": {
             "configurations": len(pairing.matches),
@@ -108,7 +110,7 @@ def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
 
 
 def share(rate: float) -> str:
-    """Return a success rate in percent."""
+    """Return a rate in percent."""
     return f"{100 * rate:.1f} %"
 
 
@@ -207,6 +209,8 @@ def compared_report(found: Compared) -> bytes:
         "pairs": str(whole.pairs),
         "lost": str(whole.lost),
         "gained": str(whole.gained),
+        "headline_before": found.headlines[0],
+        "headline_after": found.headlines[1],
     }
     gate = found.gate
     stated |= {"target": gate.target, "status": gate.status, "paths": str(whole.paths), "needed": str(gate.needed)}

@@ -16,6 +16,7 @@ import yaml
 from vastflow.flows.export.junit import Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, case_of, files_of, table_csv
 from vastflow.flows.results.tables import KeptLogs
+from vastflow.oracles.evidence.evidence import headline_of
 from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.schema import behaviors_of, table_of, table_rows
 from vastflow.oracles.results.tables import read_tables
@@ -39,6 +40,7 @@ class ExportSource:
         with reading(directory):
             tables = read_tables(directory)
             self.campaign = str(tables.metadata["name"])
+            self.headline = headline_of(tables).text
             campaign_file = yaml_value(tables.campaign) or {}
             self._scenario_file = Path(campaign_file.get("execution", {}).get("scenario_file") or "").name
             self.configurations = tables.configurations.rows()
@@ -224,7 +226,7 @@ def export(
             suites.append(Suite(row["name"], cases))
             for run_index, name, content in source.outputs_of(row):
                 _below(home, f"{run_index}/{outputs}{name}").write_bytes(content)
-        (place / "test.xml").write_bytes(campaign_report(source.campaign, suites))
+        (place / "test.xml").write_bytes(campaign_report(source.campaign, suites, "" if only else source.headline))
     return Exported(folder, len(chosen) - len(suites), suites)
 
 

@@ -62,9 +62,12 @@ def suite_report(suite: Suite) -> bytes:
     return _file(_suite(suite))
 
 
-def campaign_report(name: str, suites: Sequence[Suite]) -> bytes:
-    """Return a file with several suites."""
+def campaign_report(name: str, suites: Sequence[Suite], headline: str = "") -> bytes:
+    """Return a file with several suites, and a campaign's headline as a property of all."""
     root = ElementTree.Element("testsuites", {"name": _xml(name), **_totals(suites)})
+    if headline:
+        properties = ElementTree.SubElement(root, "properties")
+        ElementTree.SubElement(properties, "property", {"name": "headline", "value": _xml(headline)})
     root.extend(_suite(suite) for suite in suites)
     return _file(root)
 

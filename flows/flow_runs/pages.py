@@ -170,7 +170,8 @@ def outcome_text(found: Results) -> str:
     summary = found.summary
     counts = f"{summary.passed} passed, {summary.failed} failed, {summary.not_judged} not judged"
     work = f"{summary.executed} runs executed, {summary.reused} from the store"
-    return f"{size_text(summary.configurations, summary.runs)}: {counts}; {work}"
+    headline = f"{said}. " if (said := summary.headline.get("text")) else ""
+    return f"{headline}{size_text(summary.configurations, summary.runs)}: {counts}; {work}"
 
 
 def publish(found: Results, name: str, reports: str | None = None) -> None:
@@ -202,8 +203,8 @@ def result_rows(found: Results) -> list[dict[str, Any]]:
     tables = read_tables(found.directory)
     whole, rows = evidence_of(tables)[None], []
     for name, group in [*whole.families.items(), *([("all", whole.campaign)] if len(whole.families) != 1 else [])]:
-        counts = group.counts
-        low, high = counts.interval.thousandths
+        counts, rate = group.counts, group.rate
+        low, high = group.interval.thousandths if group.interval else (0, 0)
         row = {
             "family": name,
             "configurations": group.configurations,
@@ -211,8 +212,8 @@ def result_rows(found: Results) -> list[dict[str, Any]]:
             "passed": counts.passed,
             "failed": counts.failed,
             "not judged": counts.not_judged,
-            "success": "–" if counts.rate is None else f"{100 * counts.rate:.1f} %",
-            f"{100 * LEVEL:.0f} % interval": f"{low / 10:.1f} – {high / 10:.1f} %" if counts.judged else "–",
+            "rate": "–" if rate is None else f"{100 * rate:.1f} %",
+            f"{100 * LEVEL:.0f} % interval": "–" if rate is None else f"{low / 10:.1f} – {high / 10:.1f} %",
         }
         rows.append(row)
     return rows

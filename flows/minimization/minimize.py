@@ -48,14 +48,14 @@ ERROR: Final = 0.05
 LEAST_RUNS: Final = 5
 MOST_RUNS: Final = 30
 _APART: Final = 0.2
-"""Width of the success rates, as a share of the failure rate, in which a candidate may stay undecided."""
+"""Width of the rates of passing, as a share of the failure rate, in which a candidate may stay undecided."""
 
 
 @dataclass(frozen=True)
 class FailureTest(Stopping):
     """Stops a candidate's runs once its verdict by the oracle is certain.
 
-    A failing candidate has the rule's class *systematic*, whose bound is the success rate `1 - rate`.
+    A failing candidate has the rule's class *systematic*, whose bound is the rate of passing `1 - rate`.
     """
 
     oracle: str

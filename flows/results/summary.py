@@ -48,6 +48,7 @@ class Summary:
         excluded_by: Family to how many instances each constraint excludes.
         stood_still: Failed runs whose robot was sent and never moved.
         sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
+        headline: See `vastflow.oracles.evidence.headline.Headline.as_json`; empty without a report.
     """
 
     configurations: int
@@ -68,6 +69,7 @@ class Summary:
     excluded_by: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     sampled_from: int | None = None
     stood_still: int = 0
+    headline: Mapping[str, object] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, object]:
         """Plain values, seconds rounded to milliseconds."""

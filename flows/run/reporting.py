@@ -18,6 +18,7 @@ from vastflow.flows.run.event_log import EventLog, ended
 from vastflow.flows.run.judged import Judged
 from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.flows.search.tables import search_record, write_search
+from vastflow.oracles.evidence.headline import Headline
 from vastflow.oracles.statistics.intervals import Counts
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.model.configuration import Configuration
@@ -49,14 +50,14 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: E
         if not judged.faults and not engine.faults:
             record[KEY] = _key(run, computing)
 
-    def report(place: Path) -> None:
+    def report(place: Path) -> Headline:
         from vastflow.oracles.page.report import write_report
 
         computing.tally.begin("reporting")
         if computing.log.exists():
             (place / "logs").mkdir(exist_ok=True)
             (place / "logs" / "campaign.log").write_bytes(computing.log.read_bytes())
-        write_report(place)
+        return write_report(place)
 
     with log.directory.writing() as place:
         if run.search is not None:
@@ -83,7 +84,7 @@ def write_judged(
     judged: Judged,
     directory: NewDirectory,
     record: Mapping[str, Any],
-    report: Callable[[Path], None],
+    report: Callable[[Path], Headline | None],
     kept: KeptRows | None = None,
 ) -> Results:
     """Write the tables of judged runs into a directory, and whatever `report` makes of them.

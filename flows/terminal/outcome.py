@@ -2,39 +2,41 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
+from vastflow.flows.request.run_request import SEQUENTIAL
 from vastflow.flows.terminal.display import terminal_table
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.evidence.causes import standstills_of
 from vastflow.oracles.evidence.evidence import Evidence
-from vastflow.oracles.evidence.findings import found_text
 from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.statistics.intervals import LEVEL, Counts
+from vastflow.oracles.statistics.looks import Mean
 
 
 def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator[RenderableType]:
-    """Yield a table of families and lines on oracles, rejections, and faults."""
+    """Yield the headline, a table of families, and lines on oracles, rejections, and faults."""
     whole = evidence[None]
-    rows = [(family, len(tables.families[family]), group.counts) for family, group in whole.families.items()]
+    yield Text(whole.campaign.headline.text, "bold")
+    rows = [
+        _Row((family, f"{group.configurations}"), group.counts, group.mean) for family, group in whole.families.items()
+    ]
     excluded: Mapping[str, Mapping[str, int]] = tables.metadata.get("counts", {}).get("excluded_by", {})
     lost = dict.fromkeys([*(row["family"] for row in tables.rejections), *excluded])
-    rows += [(family, 0, Counts()) for family in lost if family not in whole.families]
+    rows += [_Row((family, "0"), Counts()) for family in lost if family not in whole.families]
     if len(rows) > 1:
-        rows.append(("all", sum(configurations for _, configurations, _ in rows), whole.campaign.counts))
-    yield _table(("family", "configurations"), [((name, str(n)), counts) for name, n, counts in rows])
+        rows.append(_Row(("all", f"{whole.campaign.configurations}"), whole.campaign.counts, whole.campaign.mean))
+    yield _table(("family", "configurations"), rows)
     if rule := tables.metadata.get(SEQUENTIAL):
         counts = tables.metadata["counts"]
         runs, most = counts["runs"], counts["configurations"] * rule["max"]
         yield Text(
             f"{runs:,} runs of at most {most:,}, {most - runs:,} saved, since runs end when a configuration's class is decided"
         )
-    if searched := tables.metadata.get(SEARCH):
-        yield Text(found_text(searched), "bold")
     if len(tables.oracles) > 1:
         shares = []
         for name in tables.oracles:
@@ -64,34 +66,44 @@ def details(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
     """Yield `outcome`, and tables of configurations and of reasons for rejection."""
     yield from outcome(tables, evidence)
     yield ""
-    yield _table(("configuration",), [((name,), counts) for name, counts in evidence[None].configurations.items()])
+    each = [
+        _Row((name,), counts, group.mean_of(name))
+        for group in evidence[None].families.values()
+        for name, counts in group.by_name.items()
+    ]
+    yield _table(("configuration",), each)
     if tables.rejections:
         reasons = Counter((row["family"], row["producer"], row["reason"]) for row in tables.rejections)
         rows = [(*rejected, str(times)) for rejected, times in reasons.most_common()]
         yield from ("", terminal_table(("family", "producer", "reason"), ("times",), rows=rows))
 
 
-def rate_text(counts: Counts) -> str:
-    """Return a rate such as `93.3 %  [82.1, 97.7]`, `not judged`, or a dash without runs."""
-    if counts.rate is None:
-        return "not judged" if counts.not_judged else "–"
-    low, high = counts.interval.thousandths
-    return f"{100 * counts.rate:.1f} %  [{low / 10:.1f}, {high / 10:.1f}]"
+class _Row(NamedTuple):
+    """Names, runs, and the rate with its interval; None where nothing was judged or a search chose the points."""
+
+    names: Sequence[str]
+    counts: Counts
+    mean: Mean | None = None
+
+    @property
+    def rate(self) -> str:
+        """A rate such as `93.3 %  [82.1, 97.7]`, `not judged`, or a dash."""
+        if self.mean is None:
+            return "not judged" if self.counts.not_judged and not self.counts.judged else "–"
+        low, high = self.mean[1].thousandths
+        return f"{100 * self.mean[0]:.1f} %  [{low / 10:.1f}, {high / 10:.1f}]"
 
 
-def _table(first: Sequence[str], rows: Sequence[tuple[Sequence[str], Counts]]) -> Table:
+def _table(first: Sequence[str], rows: Sequence[_Row]) -> Table:
     """Return a table with a row of counts for each name, within 80 columns if all runs were judged."""
-    unjudged = any(counts.not_judged for _, counts in rows)
+    unjudged = any(row.counts.not_judged for row in rows)
     counted = ("runs", "passed", "failed", *["not judged"][:unjudged])
     cells = [
-        (
-            *names,
-            *map(str, (each.judged + each.not_judged, each.passed, each.failed, *[each.not_judged][:unjudged])),
-            rate_text(each),
-        )
-        for names, each in rows
+        (*row.names, *map(str, (n.judged + n.not_judged, n.passed, n.failed, *[n.not_judged][:unjudged])), row.rate)
+        for row in rows
+        for n in [row.counts]
     ]
-    numbers = (*first[1:], *counted, f"success [{100 * LEVEL:.0f} % interval]")
+    numbers = (*first[1:], *counted, f"rate [{100 * LEVEL:.0f} % interval]")
     return terminal_table(first[:1], numbers, rows=cells)
 
 

@@ -1,23 +1,27 @@
 """Evidence: rates and intervals of a campaign, its families, and its configurations."""
 
 import json
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
 
-from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.evidence.findings import found_text, looks_of
+from vastflow.oracles.evidence.headline import Headline
+from vastflow.oracles.results.tables import FAIL, PASS, Tables, VerdictTable
 from vastflow.oracles.statistics.intervals import (
     LEVEL,
     Counts,
+    Floats,
     Interval,
     clopper_pearson_intervals,
     clustered,
     pooled,
     wilson_intervals,
 )
+from vastflow.oracles.statistics.looks import Looks, Mean, mean_rate
 
 SOUGHT: Final = "search"
 """Family of the points that a search chose."""
@@ -26,21 +30,41 @@ _TEXT: Final = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """The rate of several configurations together.
+    """The rate of several configurations together, which is the mean of their rates.
 
     Attributes:
         by_name: Runs of each configuration.
+        rates: Of each configuration, NaN without judged runs; where runs ended by a rule, unbiased ones.
         tables: Tables with their blocks.
-        sought: Whether a search chose them by earlier results: then nothing follows for others of their kind.
+        looks: If runs ended by a rule.
+        sought: Whether a search chose them by earlier results: then they have no rate together, and nothing follows for others.
     """
 
     by_name: Mapping[str, Counts] = field(repr=False)
+    rates: Mapping[str, float] = field(repr=False)
     tables: Tables = field(repr=False)
+    looks: Looks | None = field(default=None, repr=False)
     sought: bool = False
 
     @cached_property
     def counts(self) -> Counts:
         return pooled(self.by_name.values())
+
+    @cached_property
+    def mean(self) -> Mean | None:
+        """Rate, and interval for these configurations, see `mean_rate`; None without judged runs and for sought ones."""
+        if self.sought:
+            return None
+        rates = [self.rates[name] for name in self.by_name]
+        return mean_rate(rates, [counts.judged for counts in self.by_name.values()], self.looks)
+
+    @property
+    def rate(self) -> float | None:
+        return self.mean[0] if self.mean else None
+
+    @property
+    def interval(self) -> Interval | None:
+        return self.mean[1] if self.mean else None
 
     @property
     def configurations(self) -> int:
@@ -50,12 +74,33 @@ class Group:
     def clustered(self) -> Interval | None:
         """Interval for other configurations of their kind; None for fewer than two and for sought ones.
 
-        It reads every scenario, so it is computed on request.
+        It holds `interval`, and reads every scenario, so it is computed on request.
         """
-        if self.sought:
+        if (these := self.interval) is None:
             return None
         blocks = self.tables.blocks
-        return clustered(list(self.by_name.values()), blocks=[blocks[name] for name in self.by_name])
+        found = clustered(list(self.by_name.values()), blocks=[blocks[name] for name in self.by_name])
+        return found and Interval(min(found.low, these.low), max(found.high, these.high))
+
+    def mean_of(self, name: str) -> Mean | None:
+        """A configuration's rate and interval; None without judged runs and for sought ones."""
+        counts = self.by_name[name]
+        return None if self.sought or counts.rate is None else (counts.rate, counts.interval)
+
+    def of(self, names: Iterable[str]) -> "Group":
+        """Some of these configurations."""
+        return replace(self, by_name={name: self.by_name[name] for name in names})
+
+    @property
+    def headline(self) -> Headline:
+        """One sentence on the configurations; of all of a search, its finding."""
+        judged = sum(counts.judged > 0 for counts in self.by_name.values())
+        left_out = self.configurations - judged
+        if self.sought:
+            return Headline(None, None, None, judged, left_out, finding=found_text(self.tables.metadata["search"]))
+        blocks = {self.tables.blocks[name] for name in self.by_name} if self.clustered else ()
+        kind = f"other {self.tables.units.others}" if len(blocks) > 1 else "others of their kind"
+        return Headline(self.rate, self.interval, self.clustered, judged, left_out, kind)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,18 +125,40 @@ class Evidence:
 
 def evidence_of(tables: Tables) -> dict[str | None, Evidence]:
     """Evidence by oracle, in their order, after the joint evidence under None."""
-    searched = bool(tables.metadata.get("search"))
+    searched, looks, verdicts = bool(tables.metadata.get("search")), looks_of(tables.metadata), tables.verdicts
+    weights = np.ones(len(verdicts)) if looks is None else run_weights(looks, verdicts)
     evidence: dict[str | None, Evidence] = {}
     for oracle in (None, *tables.oracles):
-        counts = [Counts(*map(int, row)) for row in tables.verdicts.counts(oracle).tolist()]
+        counts = [Counts(*map(int, row)) for row in verdicts.counts(oracle).tolist()]
         found = dict(zip(tables.configurations.names, counts, strict=True))
+        passed, failed = (
+            np.bincount(verdicts.configuration, weights * (verdicts.of(oracle) == code), len(counts))
+            for code in (PASS, FAIL)
+        )
+        with np.errstate(invalid="ignore"):
+            rates = dict(zip(found, (passed / (passed + failed)).tolist(), strict=True))
+        every = Group(found, rates, tables, looks)
         families = {
-            family: Group({name: found[name] for name in names}, tables, searched and family == SOUGHT)
+            family: replace(every.of(names), sought=searched and family == SOUGHT)
             for family, names in tables.families.items()
         }
-        configurations = {name: each for group in families.values() for name, each in group.by_name.items()}
-        evidence[oracle] = Evidence(Group(configurations, tables, searched), families, configurations)
+        campaign = replace(every.of(name for each in families.values() for name in each.by_name), sought=searched)
+        evidence[oracle] = Evidence(campaign, families, campaign.by_name)
     return evidence
+
+
+def headline_of(tables: Tables) -> Headline:
+    """The headline of a campaign directory, by all oracles together."""
+    return evidence_of(tables)[None].campaign.headline
+
+
+def run_weights(looks: Looks, verdicts: VerdictTable) -> Floats:
+    """(R,) weights with which the passes of each configuration have its unbiased rate."""
+    passed, failed, _ = verdicts.counts(None).T
+    judged = np.maximum(passed + failed, 1)
+    rates = np.nan_to_num(looks.rates(passed, passed + failed))
+    shares = (rates / np.maximum(passed, 1), (1 - rates) / np.maximum(failed, 1), 1 / judged)
+    return np.asarray(np.stack(shares, axis=1)[verdicts.configuration, verdicts.together])
 
 
 def spreads_of(tables: Tables) -> dict[str, dict[str, Spread]]:
@@ -119,10 +186,13 @@ def evidence_json(
     """
     document: dict[str, Any] = {
         "campaign": tables.metadata["name"],
+        "headline": evidence[None].campaign.headline.text,
         "level": LEVEL,
         "intervals": {
-            "interval": "Wilson score interval of these configurations' runs",
-            "exact": "Clopper-Pearson interval of the same: at least the level whatever the rate, and wider",
+            "rate": "of a configuration, passes over judged runs; of several, the mean of their rates, which are unbiased where runs "
+            "ended by a rule; null for points that a search chose",
+            "interval": "Wilson score interval of these configurations' runs; of several, at their effective number of runs",
+            "exact": "Clopper-Pearson interval of a configuration's runs: at least the level whatever the rate, and wider",
             "clustered": "beta-binomial interval, averaged over the intraclass correlation, with blocks as clusters, configurations on "
             "one map with one task, or with configurations where there is one block: what to expect of others of the kind; null for fewer "
             "than two, and for points that a search chose",
@@ -139,11 +209,14 @@ def evidence_json(
 
 def _document(evidence: Evidence, spreads: Mapping[str, Spread]) -> dict[str, Any]:
     def group(of: Group) -> dict[str, Any]:
-        (rates,) = _with_intervals([of.counts])
-        clustered = asdict(of.clustered) if of.clustered else None
-        return {**rates, "configurations": of.configurations, "clustered": clustered}
+        ends = {name: each and asdict(each) for name, each in (("interval", of.interval), ("clustered", of.clustered))}
+        return {**asdict(of.counts), "rate": of.rate, "configurations": of.configurations, **ends}
 
-    configurations = _with_intervals(evidence.configurations.values())
+    sought = {name for each in evidence.families.values() if each.sought for name in each.by_name}
+    configurations = (
+        each if name not in sought else {**each, "rate": None, "interval": None, "exact": None}
+        for name, each in zip(evidence.configurations, _with_intervals(evidence.configurations.values()), strict=True)
+    )
     return {
         "campaign": group(evidence.campaign),
         "families": {name: group(each) for name, each in evidence.families.items()},

@@ -26,7 +26,8 @@ from vastflow.oracles.statistics.classes import (
     total_failures,
 )
 from vastflow.oracles.statistics.dispersion import Dispersion, chance_of_at_least, dispersion
-from vastflow.oracles.statistics.intervals import Counts, Interval, clopper_pearson_intervals, clustered, pooled, wilson
+from vastflow.oracles.statistics.intervals import Counts, Interval, clopper_pearson_intervals, clustered, pooled
+from vastflow.oracles.statistics.looks import Looks, mean_rate
 from vastflow.oracles.statistics.measured import MetricEffect, Runs, metric_effects
 
 Weights = Mapping[str, int]
@@ -35,22 +36,19 @@ Weights = Mapping[str, int]
 
 @dataclass(frozen=True, slots=True)
 class WeightedRate:
-    """A success rate over weighted configurations.
+    """The rate of weighted configurations.
 
     Attributes:
         counts: Runs, each as often as its configuration was requested.
-        interval: Wilson's at Kish's effective number of runs, (Σ w n)² / Σ w² n for weights w and n judged runs.
+        rate: Weighted mean of the configurations' rates; None where nothing was judged.
+        interval: Of the rate, see `mean_rate`.
         clustered: For other configurations of their kind, see `clustered`.
     """
 
     counts: Counts
+    rate: float | None
     interval: Interval
     clustered: Interval | None
-
-    @property
-    def rate(self) -> float | None:
-        """Share of passes among the judged; None where nothing was judged."""
-        return self.counts.rate
 
 
 def weights_of(configurations: Iterable[tuple[str, str | None]]) -> dict[str, int]:
@@ -67,16 +65,19 @@ def weighted_counts(counts: Mapping[str, Counts], weights: Weights) -> dict[str,
 
 
 def weighted_rate(
-    counts: Mapping[str, Counts], weights: Weights, blocks: Mapping[str, int] | None = None
+    counts: Mapping[str, Counts],
+    weights: Weights,
+    blocks: Mapping[str, int] | None = None,
+    looks: Looks | None = None,
 ) -> WeightedRate:
     """The rate over configurations with weights, and with block numbers if configurations share blocks."""
     repeated = weighted_counts(counts, weights)
-    whole = pooled(repeated.values())
-    if whole.rate is None:
-        return WeightedRate(whole, Interval(0.0, 1.0), None)
-    runs = whole.judged**2 / sum(weights.get(name, 1) * each.judged for name, each in repeated.items())
+    passed, judged = (np.array([getattr(each, name) for each in counts.values()]) for name in ("passed", "judged"))
+    rates = passed / np.maximum(judged, 1) if looks is None else looks.rates(passed, judged)
+    found = mean_rate(rates, judged, looks, [weights.get(name, 1) for name in counts])
+    rate, interval = found or (None, Interval(0.0, 1.0))
     of = None if blocks is None else [blocks[name] for name in repeated]
-    return WeightedRate(whole, wilson(whole.rate * runs, runs), clustered(list(repeated.values()), blocks=of))
+    return WeightedRate(pooled(repeated.values()), rate, interval, clustered(list(repeated.values()), blocks=of))
 
 
 STOPPING: Final = "sequential"
@@ -149,7 +150,7 @@ def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -
     if any(found.duplicate_of):
         each = {name: Counts(*map(int, row)) for name, row in zip(names, counts.tolist(), strict=True)}
         weights = weights_of(zip(found.names, found.duplicate_of, strict=True))
-        weighted = weighted_rate(each, weights, blocks=tables.blocks)
+        weighted = weighted_rate(each, weights, tables.blocks, looks_of(tables.metadata))
     return Findings(
         tuple(names),
         counts,
@@ -178,6 +179,12 @@ def stopping_rule(metadata: Mapping[str, Any]) -> StoppingRule | None:
     usual = ClassBounds()
     bounds = ClassBounds(said.get("systematic", usual.systematic), said.get("reliable", usual.reliable))
     return StoppingRule(said["min"], said["max"], bounds, said.get("error", 0.05))
+
+
+def looks_of(metadata: Mapping[str, Any]) -> Looks | None:
+    """The looks by which runs of a campaign ended; None for a fixed number of runs."""
+    rule = stopping_rule(metadata)
+    return None if rule is None else Looks(rule)
 
 
 def findings_json(findings: Findings) -> dict[str, Any]:

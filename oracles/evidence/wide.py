@@ -1,7 +1,7 @@
 """The wide table: one row a run, with factors, outcome, and verdicts in columns."""
 
 import json
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,10 +11,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from vastflow.oracles.evidence.evidence import run_weights
+from vastflow.oracles.evidence.findings import looks_of
 from vastflow.oracles.evidence.varied import path_property_rows, varied_rows
 from vastflow.oracles.results.executed import environment_names
 from vastflow.oracles.results.schema import codes, floats, integers
-from vastflow.oracles.results.tables import FAIL, PASS, Tables, run_keys
+from vastflow.oracles.results.tables import FAIL, PASS, Tables, VerdictTable, run_keys
 
 WIDE_FILE: Final = "runs_wide.parquet"
 _ROWS: Final = 1 << 17
@@ -26,7 +28,8 @@ def wide_table(tables: Tables) -> pd.DataFrame:
     """One row for each run, judged or not, in the order of configurations.
 
     `passed` is the joint judgement and `passed.<oracle>` that of one oracle: true, false, or missing where unjudged. Metrics are
-    `<oracle>.<metric> (<unit>)`. Factors have the names of the campaign file, with `factor.` before names that are taken; those
+    `<oracle>.<metric> (<unit>)`. Where runs ended by a rule, `weight` is that of each run in its configuration's unbiased rate; of a search,
+    `purpose` parts the runs that confirm the best point from those that found it. Factors have the names of the campaign file, with `factor.` before names that are taken; those
     that are not all numbers are text.
     """
     verdicts = tables.verdicts
@@ -36,6 +39,10 @@ def wide_table(tables: Tables) -> pd.DataFrame:
         "run_index": verdicts.run_index,
         **_of_runs(tables),
     }
+    if (looks := looks_of(tables.metadata)) is not None:
+        columns["weight"] = run_weights(looks, verdicts)
+    if searched := tables.metadata.get("search"):
+        columns["purpose"] = _purposes(searched, verdicts)
     for oracle in (None, *tables.oracles):
         said = verdicts.of(oracle)
         judged = (said == PASS) | (said == FAIL)
@@ -73,6 +80,15 @@ def _of_runs(tables: Tables) -> dict[str, Any]:
         said = pd.Categorical.from_codes(np.where(at < 0, -1, code[first[at]]), _texts(texts))
         columns[name] = said.set_categories(_texts(sorted({*said.remove_unused_categories().categories} - {""})))
     return columns
+
+
+def _purposes(searched: Mapping[str, Any], verdicts: VerdictTable) -> pd.Categorical:
+    """`confirmation` of the best point's fresh runs, whose indices the search never used; else `search`."""
+    fresh = np.zeros(len(verdicts), dtype=np.int8)
+    if searched["best"] is not None and searched["confirmation"] is not None:
+        best = verdicts.rows_of(verdicts.names.index(searched["best"]["configuration"]))
+        fresh[best] = verdicts.run_index[best] >= searched["best"]["runs"]
+    return pd.Categorical.from_codes(fresh, _texts(("search", "confirmation")))
 
 
 def _factors(tables: Tables, others: Iterable[str]) -> dict[str, Any]:

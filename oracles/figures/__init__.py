@@ -1,1 +1,1 @@
-"""Figures: maps with what happened on them, success rates, factors."""
+"""Figures: maps with what happened on them, rates, factors."""

@@ -1,4 +1,4 @@
-"""Charts: success rates, thresholds, failure rates by factor level, and results of a search."""
+"""Charts: rates, thresholds, failure rates by factor level, and results of a search."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, Literal, NamedTuple
@@ -16,6 +16,7 @@ from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.figures.style import COLORS, DPI, INK, RATES, SOFT_INK, axis_labels, place, plain_axes
 from vastflow.oracles.statistics.effects import FactorEffect, InteractionEffect
 from vastflow.oracles.statistics.intervals import Counts, Interval
+from vastflow.oracles.statistics.looks import Mean
 
 Floats = NDArray[np.float64]
 MAX_RATE_ROWS: Final = 60
@@ -28,7 +29,7 @@ _MOST_LABELS: Final = 20
 def rates_figure(evidence: Mapping[str | None, Evidence]) -> Figure:
     """Draw rates and intervals of campaign, families and few configurations, in a panel for each oracle.
 
-    Bars are Wilson intervals of these configurations, thin black lines those for others of their kind.
+    Bars are intervals for these configurations, thin black lines those for others of their kind.
     """
     groups = evidence[None].families
     worst = {*sorted(groups, key=lambda family: -groups[family].counts.failed)[: MAX_RATE_ROWS - 1]}
@@ -52,43 +53,44 @@ def rates_figure(evidence: Mapping[str | None, Evidence]) -> Figure:
 
 
 class _Bars(NamedTuple):
-    """A row of the rate figure; `others` is the interval for other configurations."""
+    """A row of the rate figure; `mean` has the interval for these configurations, `others` is that for others."""
 
     counts: Counts
+    mean: Mean | None
     others: Interval | None
     group: bool
 
 
 def _rate_rows(evidence: Evidence, families: Sequence[str]) -> Iterator[tuple[str, _Bars]]:
     singles = len(evidence.configurations) + len(evidence.families) < MAX_RATE_ROWS
-    yield "whole campaign", _Bars(evidence.campaign.counts, evidence.campaign.clustered, True)
+    yield "whole campaign", _Bars(evidence.campaign.counts, evidence.campaign.mean, evidence.campaign.clustered, True)
     for family in families:
         group = evidence.families[family]
-        yield family, _Bars(group.counts, group.clustered, True)
+        yield family, _Bars(group.counts, group.mean, group.clustered, True)
         if singles:
             for name in group.by_name:
-                yield name, _Bars(evidence.configurations[name], None, False)
+                yield name, _Bars(group.by_name[name], group.mean_of(name), None, False)
 
 
 def _draw_rates(axes: Axes, rows: Sequence[_Bars]) -> None:
     color = COLORS["pass"]
-    judged = [(y, row) for y, row in enumerate(rows) if row.counts.rate is not None]
+    judged = [(y, row, row.mean) for y, row in enumerate(rows) if row.mean is not None]
     for group in (False, True):
-        at = [y for y, row in judged if row.group == group]
-        intervals = [row.counts.interval for _, row in judged if row.group == group]
+        at = [y for y, row, _ in judged if row.group == group]
+        intervals = [interval for _, row, (_, interval) in judged if row.group == group]
         low, high = [i.low for i in intervals], [i.high for i in intervals]
         axes.hlines(at, low, high, color=color, linewidth=5.0 if group else 2.6, alpha=0.75 if group else 0.4)
-    others = [(y, row.others) for y, row in judged if row.others is not None]
+    others = [(y, row.others) for y, row, _ in judged if row.others is not None]
     axes.hlines([y for y, _ in others], [i.low for _, i in others], [i.high for _, i in others], color=INK, linewidth=1)
     for group, marker, fill in ((False, "o", color), (True, "D", INK)):
-        points = [(r, y) for y, row in judged if row.group == group and (r := row.counts.rate) is not None]
+        points = [(rate, y) for y, row, (rate, _) in judged if row.group == group]
         axes.plot(
             [rate for rate, _ in points], [y for _, y in points], marker, markersize=5, color=fill,
             markeredgecolor="white", markeredgewidth=0.7,
         )  # fmt: skip
     for y, row in enumerate(rows):
-        if row.counts.rate is None:
-            text = "not judged" if row.counts.not_judged else "not run"
+        if row.mean is None:
+            text = "chosen by the search" if row.counts.judged else "not judged" if row.counts.not_judged else "not run"
             axes.text(0.5, y, text, ha="center", va="center", fontsize=7.5, color=SOFT_INK)
     axes.set_xlim(-0.03, 1.03)
     axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "25", "50", "75", "100 %"], fontsize=8)

@@ -97,7 +97,8 @@ class Facts:
                     (x0, y0), cell_m = found.grid.origin_xy_m, found.grid.cell_m
                     place = position(x0 + (column + 0.5) * cell_m, y0 + (row + 0.5) * cell_m)
                     n, failed = int(found.visits[row, column]), int(found.failures[row, column])
-                    rows.append([name, place, [failed, n, 0, *thousandths(intervals[row, column]).tolist()]])
+                    ends = thousandths(intervals[row, column]).tolist()
+                    rows.append([name, place, [failed, n, 0, *ends, failed / n]])
         return sorted(rows, key=lambda row: -row[2][0] / row[2][1])
 
     def factor(self, configuration: int, key: str) -> str:

@@ -1,4 +1,4 @@
-"""The headline of a campaign, as a notebook shows it: rate, causes, and a few of the report's figures."""
+"""The headline of a campaign, as a notebook shows it: its sentence, causes, and a few of the report's figures."""
 
 import base64
 from pathlib import Path
@@ -13,12 +13,11 @@ from vastflow.oracles.page import words
 from vastflow.oracles.results.tables import read_tables
 
 _FIGURES: Final = ("maps", "final-poses-*", "failure-rate-*", "passed-*")
-"""Names of figures, what tells most first; the first two that there are."""
+"""Names of figures by priority; the first two available are shown."""
 
 _PAGE: Final = """\
-<div style="max-width:60rem"><p style="margin:0"><b style="font-size:2em">{{ counts.rate | percent }}</b> of the judged runs passed: \
-{{ "{:,}".format(counts.passed) }} of {{ "{:,}".format(counts.judged) }}, {{ "{:,}".format(counts.not_judged) }} not judged overall.\
-{% if counts.judged %} 95 % interval {{ counts.interval | span }} for these configurations.{% endif %}</p>
+<div style="max-width:60rem"><p style="margin:0"><b style="font-size:1.4em">{{ headline }}</b><br>\
+{{ "{:,}".format(counts.passed) }} of {{ "{:,}".format(counts.judged) }} judged runs passed, {{ "{:,}".format(counts.not_judged) }} not judged overall.</p>
 {% if causes %}<table><tr><th style="text-align:left">Why runs failed</th><th>Runs</th><th></th><th></th></tr>
 {% for each in causes %}
 <tr><td style="text-align:left"><b>{{ each.cause | capital }}</b></td><td>{{ "{:,}".format(each.runs) }}</td>\
@@ -43,8 +42,10 @@ def headline_html(directory: Path) -> str:
     environment = Environment(autoescape=True, trim_blocks=True)
     environment.filters.update(vars(words))
     files = [file for name in _FIGURES for file in sorted((directory / "figures").glob(f"{name}.png"))][:2]
+    campaign = evidence_of(tables)[None].campaign
     return environment.from_string(_PAGE).render(
-        counts=evidence_of(tables)[None].campaign.counts,
+        headline=campaign.headline.text,
+        counts=campaign.counts,
         causes=causes_of(tables),
         meanings=CAUSES,
         figures=[(file.stem.replace("-", " "), base64.b64encode(file.read_bytes()).decode()) for file in files],

@@ -32,10 +32,10 @@ MOST_CONTRASTS: Final = 2
 
 
 def rate_pictures(evidence: Mapping[str | None, Evidence]) -> Iterator[Picture]:
-    """Success rates of campaign, families and configurations."""
+    """Rates of campaign, families and configurations."""
     if evidence[None].configurations:
-        alt = "Success rates of the campaign, its families and configurations with their intervals"
-        caption = "Point: share of passed runs. Bar: 95 % Wilson interval of these configurations. "
+        alt = "Rates of the campaign, its families and configurations with their intervals"
+        caption = "Point: share of passed runs. Bar: 95 % interval for these configurations. "
         caption += "Thin line: 95 % interval for other configurations of the kind."
         yield picture("rates", "", alt, caption, rates_figure(evidence), drawn=True, wide=True)
 

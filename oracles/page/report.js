@@ -33,15 +33,16 @@
     code: (value) => element("td", {}, element("code", {}, value)),
     number: (value) => element("td", { class: "n" }, number(value)),
     class: (value) => element("td", {}, element("span", { class: "tag" }, element("i", { class: value }), value)),
-    rate: ([passed, judged, unjudged, low, high]) => {
+    rate: ([passed, judged, unjudged, low, high, rate]) => {
       if (!judged) return element("td", {}, "–", element("br"), element("small", {}, unjudged ? "not judged" : "not run"));
-      // As `span_of` in words.py: rounded outwards, with a digit more where the interval is narrow.
-      const ends = high - low < 50 ? [(low / 10).toFixed(1), (high / 10).toFixed(1)] : [Math.floor(low / 10), Math.ceil(high / 10)];
-      const style = `--l:${low / 10}%;--w:${(high - low) / 10}%;--a:${(100 * passed) / judged}%`;
-      const made = element("td", {}, percent(passed / judged), " ",
-        element("small", {}, `${passed.toLocaleString("en-US")} of ${judged.toLocaleString("en-US")}`),
-        element("span", { class: "bar", style, "aria-hidden": "true" }),
-        element("small", {}, `${ends.join("\u2060–\u2060")}\u00a0%`));
+      const made = element("td", {}, element("small", {}, `${passed.toLocaleString("en-US")} of ${judged.toLocaleString("en-US")}`));
+      if (rate !== null) {
+        // As `span_text` in headline.py: rounded outwards, with a digit more where the interval is narrow.
+        const ends = high - low < 50 ? [(low / 10).toFixed(1), (high / 10).toFixed(1)] : [Math.floor(low / 10), Math.ceil(high / 10)];
+        const style = `--l:${low / 10}%;--w:${(high - low) / 10}%;--a:${100 * rate}%`;
+        made.prepend(percent(rate), " ");
+        made.append(element("span", { class: "bar", style, "aria-hidden": "true" }), element("small", {}, `${ends.join("\u2060–\u2060")}\u00a0%`));
+      }
       if (unjudged) made.append(element("br"), element("small", {}, `${unjudged} not judged`));
       return made;
     },
@@ -49,7 +50,7 @@
 
   const key = {
     number: (value) => (typeof value === "number" ? value : null),
-    rate: ([passed, judged]) => (judged ? passed / judged : null),
+    rate: ([passed, judged, , , , rate]) => (judged ? rate ?? passed / judged : null),
   };
 
   // Places on a map go by x and then by y; their minus is U+2212.

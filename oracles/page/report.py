@@ -12,6 +12,7 @@ from markupsafe import Markup
 from vastflow.oracles.evidence.causes import causes_json, criteria_json
 from vastflow.oracles.evidence.evidence import evidence_json
 from vastflow.oracles.evidence.findings import findings_json, shape_of
+from vastflow.oracles.evidence.headline import Headline
 from vastflow.oracles.evidence.wide import wide_table, write_wide
 from vastflow.oracles.figures.style import CLASS_COLORS, plain_style
 from vastflow.oracles.page import sections, words
@@ -52,8 +53,11 @@ _FILTERS: Final = {
 
 
 @plain_style()
-def write_report(directory: Path) -> None:
+def write_report(directory: Path) -> Headline:
     """Write `evidence.json`, `runs_wide.parquet`, `figures/` and `report.html` into the campaign directory `directory`.
+
+    Returns:
+        The campaign's headline.
 
     Raises:
         OSError: a table that should be there is not.
@@ -82,6 +86,7 @@ def write_report(directory: Path) -> None:
         (figures / f"{film.name}.mp4").write_bytes(film.mp4)
     page = _html(facts, shown, contrasts, _embedded(pictures))
     (directory / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
+    return facts.everything.campaign.headline
 
 
 def _html(

@@ -12,6 +12,7 @@ from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.page.film import Film
 from vastflow.oracles.page.words import percent, span_of
 from vastflow.oracles.statistics.intervals import Counts, thousandths, wilson_intervals
+from vastflow.oracles.statistics.looks import Mean
 
 ColumnKind: TypeAlias = Literal["text", "name", "long", "choice", "number", "rate", "class"]
 """Content of a column: words, names, sentences, choices, numbers, rates, classes."""
@@ -147,35 +148,40 @@ class Section:
         return [*self.figures, *(block for block in self.content if isinstance(block, Picture))]
 
 
-def rate_cell(counts: Counts) -> list[float]:
-    """Passed, judged, not judged, and the interval's ends in thousandths."""
-    return [counts.passed, counts.judged, counts.not_judged, *counts.interval.thousandths]
+def rate_cell(counts: Counts, mean: Mean | None) -> list[float | None]:
+    """Passed, judged, not judged, the interval's ends in thousandths, and the rate; None for points that a search chose."""
+    ends = mean[1].thousandths if mean else (None, None)
+    return [counts.passed, counts.judged, counts.not_judged, *ends, mean[0] if mean else None]
 
 
-def configuration_cells(evidence: Evidence) -> dict[str, list[float]]:
+def configuration_cells(evidence: Evidence) -> dict[str, list[float | None]]:
     """`rate_cell` of each configuration."""
     found = evidence.configurations
+    sought = {name for group in evidence.families.values() if group.sought for name in group.by_name}
     ends = wilson_intervals([each.passed for each in found.values()], [each.judged for each in found.values()])
     return {
-        name: [counts.passed, counts.judged, counts.not_judged, *interval]
+        name: [counts.passed, counts.judged, counts.not_judged]
+        + ([None] * 3 if name in sought else [*interval, counts.rate])
         for (name, counts), interval in zip(found.items(), thousandths(ends).tolist(), strict=True)
     }
 
 
-def bar(cell: Sequence[float]) -> Markup:
+def bar(cell: Sequence[Any]) -> Markup:
     """A rate and its interval as a small picture."""
-    passed, judged, _, low, high = cell
-    if not judged:
+    *_, low, high, rate = cell
+    if rate is None:
         return Markup("")
-    style = f"--l:{low / 10:.1f}%;--w:{(high - low) / 10:.1f}%;--a:{100 * passed / judged:.1f}%"
+    style = f"--l:{low / 10:.1f}%;--w:{(high - low) / 10:.1f}%;--a:{100 * rate:.1f}%"
     return Markup('<span class="bar" style="{}" aria-hidden="true"></span>').format(style)
 
 
-def rate_html(cell: Sequence[float]) -> Markup:
+def rate_html(cell: Sequence[Any]) -> Markup:
     """A rate's cell: its words, and a picture of it."""
-    passed, judged, not_judged, low, high = cell
+    passed, judged, not_judged, low, high, rate = cell
     if not judged:
         return Markup("– <small>{}</small>").format("not judged" if not_judged else "not run")
-    html = Markup("{} <small>{:,.0f} of {:,.0f}</small>{}<small>{}</small>")
-    rest = Markup("<br><small>{:,.0f} not judged</small>").format(not_judged) if not_judged else ""
-    return html.format(percent(passed / judged), passed, judged, bar(cell), span_of(int(low), int(high))) + rest
+    html = Markup("<small>{:,.0f} of {:,.0f}</small>").format(passed, judged)
+    if rate is not None:
+        ends = Markup("{}<small>{}</small>").format(bar(cell), span_of(int(low), int(high)))
+        html = Markup("{} ").format(percent(rate)) + html + ends
+    return html + (Markup("<br><small>{:,.0f} not judged</small>").format(not_judged) if not_judged else "")

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from vastflow.oracles.catalog.robustness import DEFAULT_BASIS
 from vastflow.oracles.evidence.causes import oracle_parameters
 from vastflow.oracles.evidence.findings import stopping_rule
-from vastflow.oracles.figures.scene import MAX_SCENES, environment_counts
+from vastflow.oracles.figures.scene import MAX_SCENES
 from vastflow.oracles.figures.style import CLASS_COLORS
 from vastflow.oracles.judgement.cause import CAUSES
 from vastflow.oracles.judgement.registry import known_oracles, oracle_class
@@ -51,7 +51,13 @@ def maps_section(facts: Facts) -> Section | None:
     """The section on where runs failed; None for a campaign without maps."""
     if not facts.maps:
         return None
-    rows = [[facts.names[key], rate_cell(counts)] for key, counts in environment_counts(facts.tables).items()]
+    found = facts.tables.configurations
+    names_of: dict[str, list[str]] = {}
+    for k in found.distinct.tolist():
+        if environment := found.environments[k]:
+            names_of.setdefault(environment, []).append(found.names[k])
+    groups = {facts.names[key]: facts.everything.campaign.of(names) for key, names in names_of.items()}
+    rows = [[name, rate_cell(group.counts, group.mean)] for name, group in groups.items()]
     scenes, names = [], [facts.names[scene.environment] for scene in facts.scenes]
     for scene, name in zip(facts.scenes, names, strict=True):
         height_m, width_m = (scene.occupancy.resolution_m * n for n in scene.occupancy.shape)
@@ -91,7 +97,7 @@ def configurations_section(facts: Facts) -> Section:
             found.factors[k].get(key) if numeric else facts.factor(k, key) for key, numeric in facts.varied.items()
         ]
         rows.append([found.names[k], found.families[k], name, *rates, *still, *values])
-    rows.sort(key=lambda row: (row[3][4], row[3][0] - row[3][1]))  # the success rate's upper bound, then failures
+    rows.sort(key=lambda row: (row[3][4] or 0, row[3][0] - row[3][1]))  # the rate's upper bound, then failures
     head = [Column("Configuration"), Column("Family", "choice"), Column("Class", "class"), *_rate_columns(facts)]
     head += [Column(key, "number" if numeric else "text") for key, numeric in facts.varied.items()]
     failing = int(np.count_nonzero(facts.findings.counts[:, 1]))
@@ -101,12 +107,12 @@ def configurations_section(facts: Facts) -> Section:
 
 
 def rates_section(facts: Facts) -> Section:
-    """Success rates of the campaign, of its families, and by each oracle."""
+    """Rates of the campaign, of its families, and by each oracle."""
     shown = {oracle: facts.evidence[oracle] for oracle in facts.shown_oracles}
     rows = [
         [
             *(name, group.configurations),
-            *(rate_cell(found.families[name].counts) for found in shown.values()),
+            *(rate_cell(own.counts, own.mean) for own in (found.families[name] for found in shown.values())),
             *([facts.stood.of(group.by_name)] if facts.stood.runs else []),
         ]
         for name, group in facts.everything.families.items()
@@ -115,7 +121,7 @@ def rates_section(facts: Facts) -> Section:
     drawn = list(pictures.rate_pictures(shown))
     values = {"families": Table(head, rows, "families", "evidence.json"), "pictures": drawn}
     summary = "of the campaign, families and oracles, with intervals"
-    return Section("rates", "Success rates", "Success rates", summary, values=values, figures=drawn)
+    return Section("rates", "Rates", "Share of passed runs", summary, values=values, figures=drawn)
 
 
 def classes_section(facts: Facts) -> Section:

@@ -3,11 +3,12 @@
 import json
 from collections.abc import Mapping
 from itertools import groupby
-from typing import Any, Final
+from typing import Any
 
 from markupsafe import Markup
 
 from vastflow.oracles.evidence.causes import Criterion
+from vastflow.oracles.evidence.headline import percent_text, span_text
 from vastflow.oracles.results.units import Units
 from vastflow.oracles.statistics.analysis import FactorAnalysis
 from vastflow.oracles.statistics.classes import ClassName
@@ -16,18 +17,9 @@ from vastflow.oracles.statistics.intervals import Interval
 from vastflow.oracles.statistics.measured import MetricEffect
 from vastflow.oracles.statistics.power import Power
 
-_NARROW: Final = 50
-"""Width in thousandths of intervals that are shown with a decimal."""
-
 
 def percent(rate: float | None) -> str:
-    if rate is None:
-        return "–"
-    for digits in (0, 1, 2, 3):
-        text = f"{100 * rate:.{digits}f}"
-        if rate in (0.0, 1.0) or float(text) not in (0.0, 100.0):
-            break
-    return f"{text}\N{NO-BREAK SPACE}%"
+    return "–" if rate is None else unbroken(percent_text(rate))
 
 
 def span(interval: Interval) -> str:
@@ -36,9 +28,13 @@ def span(interval: Interval) -> str:
 
 
 def span_of(low: int, high: int) -> str:
-    """An interval, from ends in thousandths: `52–71 %`, rounded outwards, with a digit more if narrow."""
-    ends = (low / 10, high / 10) if high - low < _NARROW else (low // 10, -(-high // 10))
-    return "\N{WORD JOINER}–\N{WORD JOINER}".join(str(end) for end in ends) + "\N{NO-BREAK SPACE}%"
+    """An interval as of `span_text`, on one line."""
+    return unbroken(span_text(low, high))
+
+
+def unbroken(text: str) -> str:
+    """`text` without places where a line of a page may end."""
+    return text.replace("–", "\N{WORD JOINER}–\N{WORD JOINER}").replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def points(difference: float) -> str:

@@ -14,7 +14,7 @@ from vastflow.oracles.statistics.intervals import Floats, counts
 ClassName: TypeAlias = Literal["reliable", "systematic", "flaky", "undecided"]
 
 CLAIMS: Final[tuple[ClassName, ...]] = ("systematic", "flaky", "reliable")
-"""Classes that can be shown, by rising success rate."""
+"""Classes that can be shown, by rising rate of passing."""
 
 _CANDIDATE: Final = 0.95
 """Smallest probability that a configuration at the bound is a candidate for the claim that it is beyond."""
@@ -22,7 +22,7 @@ _CANDIDATE: Final = 0.95
 
 @dataclass(frozen=True, slots=True)
 class ClassBounds:
-    """Bounds of the classes as success rates, by default the paper's (§ on the number of runs).
+    """Bounds of the classes as rates of passing, by default the paper's (§ on the number of runs).
 
     *Systematic* up to `systematic`, *reliable* from `reliable` on, *flaky* between the two.
     """
@@ -35,7 +35,7 @@ class ClassBounds:
             raise ValueError(f"0 < systematic < reliable < 1 must hold, got {self.systematic} and {self.reliable}")
 
     def of(self, p: Floats) -> NDArray[np.intp]:
-        """Index in `CLAIMS` of the class of each success rate in `p`."""
+        """Index in `CLAIMS` of the class of each rate in `p`."""
         return np.where(p <= self.systematic, 0, np.where(p < self.reliable, 1, 2))
 
 
@@ -172,10 +172,10 @@ _OPEN: Final = -1
 
 @dataclass(frozen=True, eq=False)
 class OperatingCharacteristics:
-    """Operating characteristics of a rule at known success rates.
+    """Operating characteristics of a rule at known rates of passing.
 
     Attributes:
-        p: (k,) success rates.
+        p: (k,) rates of passing.
         systematic, flaky, reliable, undecided: (k,) probability of each end.
         wrong: (k,) probability of claiming a wrong class.
         expected_runs: (k,) mean number of runs.
@@ -230,7 +230,7 @@ class StoppingRule:
     Attributes:
         min_runs: Judged runs before any decision.
         max_runs: Runs after which an open configuration is undecided.
-        error: Largest probability of a false claim, whatever the success rate.
+        error: Largest probability of a false claim, whatever the rate.
     """
 
     min_runs: int = 5
@@ -264,14 +264,14 @@ class StoppingRule:
         return tuple(CLAIMS[claim] for claim in sorted(found))
 
     def operating_characteristics(self, p: ArrayLike, runs_per_look: int = 1) -> OperatingCharacteristics:
-        """Exact operating characteristics at success rates `p` (k,), with `runs_per_look` runs between two looks."""
+        """Exact operating characteristics at rates `p` (k,), with `runs_per_look` runs between two looks."""
         looks = {*range(self.min_runs, self.max_runs, runs_per_look), self.max_runs}
         rates = np.atleast_1d(np.asarray(p, dtype=np.float64))
         return _characteristics(self._lattice, looks, rates, self.bounds)
 
     @cached_property
     def worst_error(self) -> float:
-        """Largest probability of a false claim over all success rates, with a look after every run."""
+        """Largest probability of a false claim over all rates, with a look after every run."""
         return self._worst_error(self._lattice)
 
     @cached_property

@@ -47,12 +47,12 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True)
 class RateDifference:
-    """The difference of the success rates after and before.
+    """The difference of the rates after and before.
 
     Attributes:
         paths: Number of blocks.
         lost, gained: Pairs that passed only before, and only after.
-        before, after: Success rates.
+        before, after: Shares of passed runs.
         difference: After less before, over pairs; over paths, each counting once, for others of their kind.
         interval: Of the difference, within -1..1.
         mcnemar: p-value of McNemar's exact test, for independent pairs.

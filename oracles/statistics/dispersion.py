@@ -17,11 +17,11 @@ _LARGEST_SIZE: Final = 1e7
 
 @dataclass(frozen=True, slots=True)
 class Dispersion:
-    """The distribution B(alpha, beta) of the success rates of configurations.
+    """The distribution B(alpha, beta) of the configurations' rates.
 
     Attributes:
         configurations: Number of those with judged runs.
-        mean: Success rate of all runs.
+        mean: Share of passed runs.
         alpha, beta: Of the beta-binomial fit; None at its limits, one rate for all, or only rates 0 and 1.
         icc: Intraclass correlation 1 / (alpha + beta + 1): 0 for independent runs, 1 where all runs of each configuration agree; None
             where no configuration has two judged runs.
@@ -130,7 +130,7 @@ _JEFFREYS: Final = 0.5
 
 
 def chance_of_at_least(bound: float, passed: ArrayLike, judged: ArrayLike, fit: Dispersion | None) -> Floats:
-    """Posterior P(p >= `bound`) of success rates p (m,): p ~ Beta(alpha + x, beta + n - x).
+    """Posterior P(p >= `bound`) of rates p (m,): p ~ Beta(alpha + x, beta + n - x).
 
     Args:
         passed, judged: (m,) counts, one entry a configuration.

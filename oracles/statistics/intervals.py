@@ -1,4 +1,4 @@
-"""Success rates, and confidence intervals of them, of clustered runs, and of the mean of a bounded quantity."""
+"""Rates, and confidence intervals of them, of clustered runs, and of the mean of a bounded quantity."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -127,8 +127,8 @@ def clustered_interval(
     """Interval of the rate among configurations like these, which are themselves a sample (clusters).
 
     Clusters are beta-binomial (Skellam, JRSS B 10 (1948) 257). Few of them say little about the intraclass correlation, so it is averaged
-    over, with a prior like 1/√c. The ends are quantiles of the rate's posterior, with priors 1/p (lower) and 1/(1 - p) (upper). The interval
-    is never narrower than Clopper and Pearson's of all runs, nor wider than theirs of clusters. Its coverage and width are in
+    over, with a prior like 1/√c. The ends are quantiles of the rate's posterior, with priors 1/p (lower) and 1/(1 - p) (upper), or
+    those of Student's t interval of the clusters' rates where they are farther out, as with rates that no beta distribution has. The interval is never narrower than Clopper and Pearson's of all runs, nor wider than theirs of clusters. Its coverage and width are in
     `tests/proofs/clustered_coverage.py` and docs/statistics.md.
 
     Args:
@@ -149,8 +149,9 @@ def clustered_interval(
     of_runs, of_clusters = clopper_pearson_intervals([all_passed, min(float((x / n).sum()), m)], [total, m], level)
     low, high = of_clusters
     if 0.0 < all_passed < total:
-        posterior = _posterior(x, n, level)
-        low, high = max(low, posterior[0]), min(high, posterior[1])
+        posterior, rates = _posterior(x, n, level), x / n
+        half = normal_quantile(level) * float(rates.std(ddof=1) / np.sqrt(m * few_clusters(m, level)))
+        low, high = max(low, min(posterior[0], rates.mean() - half)), min(high, max(posterior[1], rates.mean() + half))
     return Interval(float(min(low, of_runs[0])), float(max(high, of_runs[1])))
 
 

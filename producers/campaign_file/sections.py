@@ -149,11 +149,11 @@ class Stop(Section):
     """When the class of a configuration counts as shown, by its runs that pass all oracles."""
 
     error: Annotated[Number, Field(gt=0, lt=0.5)] = 0.05
-    """Probability of a wrong class, at most, whatever the true success rate."""
+    """Probability of a wrong class, at most, whatever the true rate of passing."""
     systematic: Rate = 0.2
-    """Success rate up to which a configuration fails systematically."""
+    """Rate of passing up to which a configuration fails systematically."""
     reliable: Rate = 0.8
-    """Success rate from which on a configuration passes reliably."""
+    """Rate of passing from which on a configuration passes reliably."""
 
     @model_validator(mode="after")
     def _in_order(self) -> "Stop":

@@ -5,16 +5,16 @@ import io
 import pyarrow as pa
 from rich.console import Console
 
-from vastflow.flows.terminal.outcome import details, outcome, rate_text
+from vastflow.flows.terminal.outcome import details, outcome
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.results.schema import CONFIGURATIONS, RUNS, VERDICTS
 from vastflow.oracles.results.tables import ConfigurationTable, Tables, VerdictTable
-from vastflow.oracles.statistics.intervals import Counts
 
 
 def tables(verdicts, rejections=(), more=(), **metadata):
     names = dict.fromkeys((family, name) for family, name, *_ in verdicts)
-    rows = [{"family": family, "name": name, "duplicate_of": None} for family, name in names] + list(more)
+    rows = [{"family": family, "name": name, "duplicate_of": None, "scenario": "{}"} for family, name in names]
+    rows += more
     configurations = ConfigurationTable(pa.Table.from_pylist(rows, CONFIGURATIONS))
     keys = ("family", "configuration", "run_index", "oracle", "judgement")
     judged = [{**dict(zip(keys, each, strict=True)), "reason": "", "metrics": "{}"} for each in verdicts]
@@ -58,15 +58,16 @@ def test_outcome_has_column_of_runs_that_were_not_judged_where_there_are_any():
     assert "not judged" in text and words_of(text, "open")[1:6] == ["1", "10", "9", "0", "1"]
     text = text_of(tables(PASSES))
     assert "not judged" not in text and "all " not in text
-    assert rate_text(Counts(0, 0, 5)) == "not judged"
+    unjudged = [("open", "open-1", run, "success", "not judged") for run in range(5)]
+    assert words_of(text_of(tables(unjudged)), "open")[-2:] == ["not", "judged"]
 
 
 def test_outcome_names_oracles_duplicates_faults_and_saved_runs():
     safety = [("open", "open-1", run, "safety", "fail" if run == 0 else "pass") for run in range(9)]
     faults = [{"configuration": f"open-{k}", "run_index": k, "stage": "execute", "error": "E"} for k in range(5)]
     counts = {"runs": 9, "configurations": 1, "sampled_from": 7, "excluded_by": {"open": {"short": 2}}}
-    twin = {"family": "open", "name": "open-2", "duplicate_of": "open-1"}
-    text = text_of(tables(PASSES + safety, more=[twin], faults=faults, counts=counts, sequential={"max": 20}))
+    twin = {"family": "open", "name": "open-2", "duplicate_of": "open-1", "scenario": "{}"}
+    text = text_of(tables(PASSES + safety, more=[twin], faults=faults, counts=counts, sequential={"min": 5, "max": 20}))
     for words in (
         "success 9/9  safety 8/9",
         "1 configuration equal to another, run once",

@@ -187,7 +187,7 @@ def test_trinary_map_has_the_gray_values_of_map_saver(tmp_path):
 
 KEYS = """
 configurations rejected duplicates runs executed reused passed failed not_judged simulated_s cpu_s wall_s results
-oracles excluded excluded_by sampled_from stood_still
+oracles excluded excluded_by sampled_from stood_still headline
 """
 
 

@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vastflow.flows.request.run_request import SEQUENTIAL
-from vastflow.flows.request.stopping import MOST_ROUNDS, Stopping, stopping_of
+from vastflow.flows.request.stopping import Stopping, stopping_of
 from vastflow.oracles.evidence.findings import STOPPING, stopping_rule
 from vastflow.oracles.statistics.classes import ClassBounds, StoppingRule
+from vastflow.oracles.statistics.looks import MOST_ROUNDS
 from vastflow.producers.campaign_file.sections import Sequential, Stop
 
 USUAL = Stopping(StoppingRule())

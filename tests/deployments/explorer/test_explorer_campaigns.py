@@ -145,7 +145,7 @@ def test_trend_has_judged_campaigns_of_a_name_oldest_first(directories, add_camp
         add_campaign(day, {"room": [lost]})
     add_campaign(23, {"room": [1]}, name="single")
     (trend,) = trends_of(rows(directories))
-    assert [counts for _, counts in trend["campaigns"]] == [Counts(3, 1), Counts(2, 2), Counts(4, 0)]
+    assert [row.counts for row in trend["campaigns"]] == [Counts(3, 1), Counts(2, 2), Counts(4, 0)]
 
 
 def test_trend_is_drawn_from_left_to_right_with_intervals(client, add_campaign):

@@ -25,8 +25,12 @@ def campaign(add_campaign, id_of):
 @each_row(
     ("view", "query", "words"),
     [
-        ("summary", {}, ["50.0 % passed", "6 failed", "all 12 runs", '<button class="link"']),
-        ("summary", {"f": "passed=fail"}, ["0.0 % passed", "passed: fail ✕</button>", "6 of 12 runs", "Clear all"]),
+        ("summary", {}, ["<b>50 % passed; ", "6 failed", "all 12 runs", '<button class="link"']),
+        (
+            "summary",
+            {"f": "passed=fail"},
+            ["<b>0 % passed</b>", "passed: fail ✕</button>", "6 of 12 runs", "Clear all"],
+        ),
         ("summary", {"f": "noise:0.1.."}, ["noise ≥ 0.1 ✕"]),
         ("summary", {"f": "noise:..0.15"}, ["noise ≤ 0.15 ✕"]),
         ("summary", {"f": "noise:0.1..0.2"}, ["noise: 0.1 to 0.2 ✕"]),
