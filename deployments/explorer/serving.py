@@ -75,7 +75,10 @@ def serve(roots: Sequence[Path], port: int, *, browser: bool) -> None:
 
 
 def redirect_page(folder: Path, address: str) -> Path:
-    """Write a page that leads to an address with a token, for this user alone: all users see the command line of a browser."""
+    """Write a page that leads to an address with a token, readable by this user alone.
+
+    A browser's command line is there for all users to see.
+    """
     page = folder / "open.html"
     with os.fdopen(os.open(page, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
         file.write(f'<!DOCTYPE html><meta http-equiv="refresh" content="0; url={address}">')

@@ -64,7 +64,10 @@ def is_directory(source: Path) -> bool:
 
 @contextmanager
 def requested(source: Path, asked: Mapping[str, Any], trust: bool) -> Iterator[RunRequest]:
-    """Yield the request for a campaign file with options, or for a campaign directory as it was run, if the user permits that."""
+    """Yield the request for a campaign file with options, or for a directory as it was run.
+
+    Code of the directory is executed only if the user permits it.
+    """
     if not is_directory(source):
         yield asked_request(source, asked)
         return

@@ -1,4 +1,4 @@
-"""What a planned campaign can show of its factors, before it runs."""
+"""Power of a planned campaign to show effects of its factors."""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass

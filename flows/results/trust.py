@@ -49,7 +49,7 @@ _SHOWN: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class ForeignCode:
-    """What executing a campaign directory may execute.
+    """Code that an execution of a campaign directory may execute.
 
     Attributes:
         named: Plug-ins, notebooks, scripts, and programs; empty where the directory has nothing but data.

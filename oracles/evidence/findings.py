@@ -273,7 +273,9 @@ METRICS: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
 
 
 def _runs(tables: Tables, at: NDArray[np.int64]) -> Runs:
-    """The runs of the configurations `at`, with the metrics of `METRICS`; none of them reached a goal without the oracle `success`."""
+    """The runs of the configurations `at`, with the metrics of `METRICS`.
+
+    Without the oracle `success` none of them reached a goal."""
     verdicts = tables.verdicts
     place = np.full(len(tables.configurations), -1)
     place[at] = np.arange(len(at))

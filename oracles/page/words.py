@@ -129,7 +129,7 @@ def _these(effect: FactorEffect | MetricEffect, units: Units) -> str:
 
 
 def metric_text(effect: MetricEffect, units: Units) -> str:
-    """`controller matters for the time on these 7 paths: MPPI 36.8 s, DWB 18.5 s (p ≤ 0.0001). MPPI is above DWB in 14 of 14 situations, …`"""
+    """`controller matters for the time on these 7 paths: MPPI 36.8 s, DWB 18.5 s (p ≤ 0.0001). …`"""
     unit = "" if effect.unit in ("", "1") else f"\N{NO-BREAK SPACE}{effect.unit}"
     means = sorted(zip(effect.means, effect.levels, strict=True), reverse=True)
     listed = ", ".join(f"{level} {number(mean)}{unit}" for mean, level in means)
@@ -152,14 +152,14 @@ def reached_text(effect: MetricEffect) -> str:
 
 
 def power_text(power: Power, units: Units) -> str:
-    """`So many runs show 35 points on these paths in 8 of 10 campaigns, and 50 points for other paths on this map.`"""
+    """`So many runs show 35 points on these paths in 8 of 10 campaigns, …`"""
     these, others = (None if each is None else f"{100 * each:.0f} points" for each in (power.these, power.others))
     here = f"{these or 'no effect'} on these {units.noun}s in 8 of 10 campaigns"
     return f"So many runs show {here}, and {others or 'none, however large,'} for other {units.others}."
 
 
 def class_needs_text(runs: int, needs: Mapping[ClassName, int]) -> str:
-    """`3 runs of a configuration can't show that it is flaky (at least 10), or reliable or systematic (at least 14).`, or empty."""
+    """`3 runs of a configuration can't show that it is flaky (at least 10), …`, or empty."""
     by_runs: dict[int, list[str]] = {}
     for name, least in sorted(needs.items()):
         if runs < least:
@@ -182,7 +182,7 @@ def others_text(effect: FactorEffect | MetricEffect, units: Units) -> str:
 
 
 def powerless_text(found: FactorAnalysis, units: Units) -> str:
-    """`6 paths are too few to show, for other paths on this map, an effect of a, however large.`, or empty."""
+    """`6 paths are too few to show, for other paths on this map, an effect of a, …`, or empty."""
     noun = units.noun
     names, pairs = found.powerless
     claims = [f"an effect of {' or '.join(names)}"] if names else []

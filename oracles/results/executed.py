@@ -44,7 +44,7 @@ class KeptFiles:
         return Path(self.content(digest).path)
 
     def content(self, digest: str) -> FileContent:
-        """Return the file with a digest, with the copies of the plug-ins that it names below `inputs`, and of no others.
+        """Return the file with a digest, with the plug-ins that it names below `inputs` alone.
 
         Raises:
             ValueError: there is none.
@@ -73,7 +73,7 @@ class KeptFiles:
         }
 
     def _contents(self, file: Path) -> Iterator[FileContent]:
-        """Yield a file as bytes, as a scenario file, as a map, and as Nav2 parameters, of which no plug-in is executed."""
+        """Yield a file as bytes, scenario file, map, and Nav2 parameters; no plug-in is executed."""
         yield FileContent(str(file), file_digest(file))
         if file.suffix == ".osc":
             with suppress(ValueError):

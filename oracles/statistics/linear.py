@@ -257,7 +257,7 @@ class Trend:
 
 
 def trend_of(contrasts: Contrasts, values: Floats, others: Floats, runs: Floats, error: float) -> Trend | None:
-    """The trend of the response over `values`; None for fewer than `LEAST_VALUES`, for few units, or if they follow from `others`.
+    """The trend of the response over `values`; None for few values or units, or if they follow from `others`.
 
     The interval is Student's, of the standard error of the test of `Contrasts`: with values that vary within units, that of the mean of the
     units' slopes. It is no narrower than repetitions of these very configurations alone make it, since slopes of total effects do not differ.

@@ -17,7 +17,9 @@ from vastflow.oracles.statistics.power import Needed
 
 @dataclass(frozen=True, slots=True)
 class MetricEffect:
-    """The effect of a factor on a metric, over rounds: the runs of one number in a matched set, of which all reached the goal.
+    """The effect of a factor on a metric, over rounds.
+
+    A round is the runs of one number in a matched set, of which all reached the goal.
 
     Attributes:
         name, metric, unit: Of the factor, and of the metric and its unit.

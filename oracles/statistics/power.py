@@ -25,7 +25,7 @@ _SIZES: Final = (*range(2, 20), *range(20, 50, 5), 50, 75, 100, _MOST)
 
 @dataclass(frozen=True, slots=True)
 class Power:
-    """Least effect on the failure rate, in steps of 0.05, shown with a probability of `POWER`; None if a total one is not.
+    """Least effect on the failure rate that is shown with a probability of `POWER`.
 
     Attributes:
         these, others: On these situations, and for others.
@@ -50,7 +50,7 @@ class Needed:
 
 @cache
 def power_of(situations: int, levels: int, runs: int, tests: int = 1, error: float = 0.05) -> Power:
-    """Simulate the tests of a factor by `Matched` and `permuted`, in campaigns of which one level fails more, alike in all situations.
+    """Simulate the tests of a factor in campaigns of which one level fails more in all situations.
 
     Failure rates of situations at the other levels are beta distributed (1, 4): 0.2 on average.
 

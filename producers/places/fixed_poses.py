@@ -11,7 +11,7 @@ from vastflow.sim.world.occupancy import OccupancyMap
 def pose_complaints(
     occupancy: OccupancyMap, stops: Mapping[str, Pose], radius_m: float
 ) -> Iterator[tuple[str, str, str]]:
-    """Yield name, problem, and expectation of each pose that a robot of the radius can't be at, or get to from the first.
+    """Yield name, problem, and expectation of each pose that a robot of the radius can't reach.
 
     The robot passes where its center is more than its radius from the center of every wall's cell, over unknown cells as well. A pose
     that is nearer to a wall counts as the nearest place where the robot passes.

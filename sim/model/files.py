@@ -318,7 +318,7 @@ def _place_behind(before: str) -> TextPlace:
 
 
 def replace_file(file: Path, content: bytes) -> None:
-    """Write a file in one step, by a new one beside it whose name nobody can foresee: no link is followed.
+    """Write a file in one step, by a new one of random name beside it; follow no link.
 
     Raises:
         OSError: it can't be written.

@@ -32,7 +32,7 @@ _permitted: ContextVar[Collection[str] | None] = ContextVar("permitted", default
 
 @contextmanager
 def code_from(contents: Collection[str]) -> Iterator[None]:
-    """Let the body open no plug-in with a file whose SHA-256 is not in `contents`: what others wrote, a user must have permitted."""
+    """Let the body open only plug-ins whose files have SHA-256 digests in `contents`."""
     token = _permitted.set(contents)
     try:
         yield

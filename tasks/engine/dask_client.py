@@ -79,7 +79,7 @@ def plain_client(address: str, security: Any, **options: Any) -> Any:
 
 
 def call_workers(client: Any, function: Any) -> dict[str, Any]:
-    """Call a function on each worker; return its answer as Dask has it, or a pickled error as text where it gives none."""
+    """Call a function on each worker; return its answer, or a pickled error as text."""
     message = {"op": "run", "function": pickle.dumps(function), "wait": True}
     return dict(client.sync(client.scheduler.broadcast, msg=message, on_error="return_pickle"))
 

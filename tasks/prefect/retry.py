@@ -64,7 +64,7 @@ def retried(
 
 
 def busy(error: BaseException) -> bool:
-    """True if a server is there and can't answer now, which may be told by an error that Prefect made of the server's."""
+    """True if a server is there and can't answer now; Prefect may have wrapped its error."""
     status = isinstance(error, PrefectHTTPStatusError) and error.response.status_code >= _SERVER_FAULT
     slow = isinstance(error, httpx.TimeoutException)
     return status or slow or (error.__cause__ is not None and busy(error.__cause__))

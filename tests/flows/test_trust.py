@@ -1,4 +1,4 @@
-"""Code of others: nothing of a directory is executed to read it, and executing it needs a record of this user's."""
+"""Code of others: reading a directory executes nothing, and executing it needs a record of this user's."""
 
 import json
 import os
@@ -77,7 +77,7 @@ def test_permission_is_a_private_record_of_this_content_alone(foreign, state):
 @pytest.mark.parametrize(
     "place", ["campaign.vast", "metadata.json", "configurations.parquet", "inputs/new.py", "environments/files.json"]
 )
-def test_an_edit_of_what_is_executed_asks_again(foreign, place):
+def test_edit_of_executed_code_asks_again(foreign, place):
     remember_made(foreign)
     permitted_contents(foreign)
     with (foreign / place).open("ab") as file:
@@ -87,7 +87,7 @@ def test_an_edit_of_what_is_executed_asks_again(foreign, place):
 
 
 @pytest.mark.parametrize("spoiled", ["link", "open file", "open folder"])
-def test_a_record_that_others_may_have_made_is_no_proof(foreign, state, tmp_path, spoiled):
+def test_record_that_others_may_have_made_is_no_proof(foreign, state, tmp_path, spoiled):
     remember_made(foreign)
     record = state / foreign_code(foreign).digest
     if spoiled == "link":
@@ -99,7 +99,7 @@ def test_a_record_that_others_may_have_made_is_no_proof(foreign, state, tmp_path
         permitted_contents(foreign)
 
 
-def test_a_record_is_not_written_through_a_link(foreign, state, tmp_path):
+def test_record_is_not_written_through_a_link(foreign, state, tmp_path):
     state.mkdir(mode=0o700, parents=True)
     (state / foreign_code(foreign).digest).symlink_to(tmp_path / "target")
     (tmp_path / "target").write_text("kept")
@@ -167,7 +167,7 @@ def test_children_are_shaped_by_no_working_directory(monkeypatch):
     assert python_command("a.b", "c") == [sys.executable, "-P", "-m", "a.b", "c"]
 
 
-def test_a_running_campaign_is_known_by_this_users_record_alone(tmp_path, state):
+def test_running_campaign_is_known_by_the_record_of_its_user_alone(tmp_path, state):
     directory = tmp_path / "results" / "a-2026-11-20-060000"
     assert trust.running_as(directory) is None
     trust.remember_running(directory, {"file": "/a.vast"})

@@ -34,7 +34,7 @@ def test_rates_are_unbiased_whatever_the_true_rate(p):
 
 
 @given(st.integers(1, 30), st.lists(st.integers(0, 30), min_size=1, max_size=8))
-def test_mean_rate_of_equal_numbers_of_runs_is_the_pooled_rate_with_wilsons_interval(runs, passes):
+def test_mean_rate_of_equal_runs_is_pooled_rate_with_wilson_interval(runs, passes):
     x = np.minimum(passes, runs)
     rate, interval = mean_rate(x / runs, np.full(len(x), runs))
     whole = wilson(int(x.sum()), runs * len(x))

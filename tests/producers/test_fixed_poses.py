@@ -62,7 +62,7 @@ def faults_of(file):
         ),
     ],
 )
-def test_fixed_pose_off_the_map_or_in_a_wall_is_a_fault_with_its_place(family, parameters, expected):
+def test_fixed_pose_off_the_map_or_in_a_wall_is_fault(family, parameters, expected):
     assert faults_of(family(*parameters)) == expected
 
 

@@ -1,4 +1,4 @@
-"""What the report says of factors survives a recount: campaigns with known effects are drawn and analyzed as a campaign directory is.
+"""Recount what the report says of factors, on campaigns with known effects.
 
 - *units* (others): paths respond differently to a factor that has no mean effect; an effect for others is claimed at most in 5 %. Start and
   goal pairs repeat on several maps, or a path on many maps.

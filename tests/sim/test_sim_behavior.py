@@ -158,9 +158,7 @@ def test_controller_times_out_where_a_cleared_local_costmap_is_not_updated_in_ti
 
 
 @pytest.mark.parametrize(("timeout_s", "times_out"), [(1.0, True), (5.0, False)])
-def test_planner_times_out_and_recovers_where_a_cleared_global_costmap_is_not_updated_in_time(
-    scenario, walled_off, timeout_s, times_out
-):
+def test_planner_times_out_and_recovers_if_cleared_costmap_is_updated_late(scenario, walled_off, timeout_s, times_out):
     given = {COSTMAP.format("global"): 0.2, SERVER.format("planner"): timeout_s}
     late = [run(scenario(map_file=walled_off, **given), k) for k in range(3)]
     codes = {what for recording in late for _, what in events(recording, "plan_failed")}

@@ -1,4 +1,4 @@
-"""What a Nav2 parameter file leaves out is as Nav2's code declares it."""
+"""Parameters that a Nav2 file leaves out are as Nav2's code declares them."""
 
 from table import each_row
 

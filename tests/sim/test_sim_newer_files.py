@@ -72,7 +72,7 @@ def test_special_values_are_read(text, group, name, value):
     assert getattr(getattr(found, group), name) == value
 
 
-def test_other_negative_tolerances_stay_refused():
+def test_tolerances_below_zero_stay_refused_otherwise():
     with pytest.raises(FileError, match=r"failure_tolerance: expected a number in \[0, 1e\+06\], got -2.0"):
         read("controller_server: {ros__parameters: {failure_tolerance: -2.0}}")
 

@@ -30,7 +30,7 @@ OMNI = {
 
 @pytest.fixture(scope="module")
 def loop():
-    """A loop of a robot at (1, 2) on an empty floor of 20 m × 4 m with pillars along its walls."""
+    """A loop of a robot at (1, 2) on a floor of 20 m × 4 m with pillars."""
     floor = np.zeros((80, 400), dtype=np.int8)
     floor[[0, -1]], floor[:, [0, -1]] = 100, 100
     floor[:12, 60::80], floor[-12:, 20::80] = 100, 100
@@ -75,10 +75,8 @@ def drifts(loop, command, noise):
         ("rotation_std_per_radian", {"w": 1.0}, 2, "turn"),
     ],
 )
-def test_odometry_drifts_by_the_stated_deviation_times_the_square_root_of_what_is_driven(
-    loop, name, command, axis, amount
-):
-    """The estimate of a standard deviation from 120 runs is within 20 % of it in more than 99 of 100 tests."""
+def test_odometry_drifts_by_stated_deviation_times_root_of_distance(loop, name, command, axis, amount):
+    """A deviation that is estimated from 120 runs is within 20 % in over 99 of 100 tests."""
     k = 0.02
     errors, exact = drifts(loop, command, {f"robot.odometry.{name}": k})
     total = abs(exact[0]) if amount == "way" else 34.0 - 0.33
@@ -99,8 +97,8 @@ def test_omni_robot_drifts_as_much_along_a_diagonal_and_across_it(loop):
     assert errors[:, :2].std(axis=0) == pytest.approx(np.full(2, k * math.hypot(*exact[:2]) ** 0.5), rel=0.2)
 
 
-def test_old_noise_of_a_tenth_is_a_fifth_of_a_percent_of_17_meters(loop):
-    """It is independent in every step of 10 ms, so it averages out: 0.1 · √(17 m · 5 mm) are 0.029 m."""
+def test_white_noise_of_a_tenth_is_a_fifth_of_a_percent(loop):
+    """It is new in every step of 10 ms: 0.1 · √(17 m · 5 mm) are 0.029 m."""
     errors, exact = drifts(loop, {"v": 0.5}, {"odometry_noise_std_deviation": 0.1})
     assert errors[:, 0].std() / exact[0] == pytest.approx(0.0018, rel=0.25)
 
@@ -115,7 +113,7 @@ def test_drift_leaves_the_twist_and_a_standing_robot_alone(loop):
 
 
 def test_amcl_with_matching_alphas_corrects_the_drift(loop):
-    """AMCL's variance of an update is alpha times the way squared, ours k² times the way: equal at its gate of 0.25 m.
+    """AMCL's variance is alpha times a distance squared, ours k² times it: equal at 0.25 m.
 
     Its yaw has the variance of alpha2 twice, before and after the way.
     """

@@ -24,7 +24,7 @@ def promise_of(store, key):
 
 
 def read_manifest(store, key, promise):
-    """Put a promise with its right checksum into a folder store and read it as `run` and `verify` do; return the fault.
+    """Put a promise with its right checksum into a folder store and read it; return the fault.
 
     Nothing but `Lost` may be raised while it is read, and what is found has the facts of its stage.
     """

@@ -153,7 +153,7 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
 
 @inner
 def _waited(m: Any, since_tick: int, timeout_s: float) -> bool:
-    """Whether a server has waited for a costmap's update until its timeout; one that comes in this tick was in time."""
+    """Whether a server has waited for a costmap until its timeout; an update in this tick was in time."""
     return bool((m.tick - since_tick) * TICK_S > timeout_s - 1e-9)
 
 

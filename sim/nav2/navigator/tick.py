@@ -357,11 +357,11 @@ def _actuate(p: Any, m: Any) -> None:
 
 @inner
 def _drifted(p: Any, m: Any, v: float, w: float, vy: float, dt_s: float) -> Any:
-    """(v, ω, vy) by which odometry's pose goes on in a step, see `OdometryDrift`; its twist stays that of the wheels."""
+    """(v, ω, vy) by which odometry's pose goes on, see `OdometryDrift`; its twist stays the wheels'."""
     q = p.odometry
-    way_m, turn_rad = math.sqrt(v * v + vy * vy) * dt_s, abs(w) * dt_s
-    along = math.sqrt(q.translation_std_per_meter**2 * way_m + q.translation_std_per_radian**2 * turn_rad) / dt_s
-    turning = math.sqrt(q.rotation_std_per_meter**2 * way_m + q.rotation_std_per_radian**2 * turn_rad) / dt_s
+    driven_m, turn_rad = math.sqrt(v * v + vy * vy) * dt_s, abs(w) * dt_s
+    along = math.sqrt(q.translation_std_per_meter**2 * driven_m + q.translation_std_per_radian**2 * turn_rad) / dt_s
+    turning = math.sqrt(q.rotation_std_per_meter**2 * driven_m + q.rotation_std_per_radian**2 * turn_rad) / dt_s
     a, b = normal_pair(m.streams[ODOMETRY])
     if p.is_omni != 0.0:
         c, _ = normal_pair(m.streams[ODOMETRY])

@@ -110,18 +110,18 @@ def omitted(found: Interpretation) -> tuple[Omitted, ...]:
 
 
 def command_chain(found: Interpretation) -> str:
-    """Draw the way of a command from the controller to the base, by the topics of Nav2's bringup and the monitor's own."""
+    """Draw the chain of a command from the controller to the base, by its topics."""
     smoother = "" if "velocity_smoother" in found.left_away else " → velocity_smoother"
     topics = monitored_topics(found.document)
     if topics is None:
         return f"controller{smoother} → base"
     into, out = topics
     if into == "cmd_vel_nav":
-        way = " → (cmd_vel_nav) "
+        through = " → (cmd_vel_nav) "
     else:
         gap = "" if into == "cmd_vel_smoothed" else f" ✗ ({into})"
-        way = f"{smoother} → (cmd_vel_smoothed){gap} "
-    return f"controller{way}→ collision_monitor → ({out}) → base"
+        through = f"{smoother} → (cmd_vel_smoothed){gap} "
+    return f"controller{through}→ collision_monitor → ({out}) → base"
 
 
 def refusals(found: Interpretation) -> Iterator[Fault]:

@@ -126,7 +126,7 @@ def test_wide_table_of_a_search_parts_chosen_runs_from_fresh_ones(written):
     assert (runs[runs.configuration != "room-4"].purpose == "search").all()
 
 
-def test_weights_of_the_wide_table_give_the_headline_where_runs_end_by_a_rule(written):
+def test_weights_of_the_wide_table_give_headline_of_stopped_runs(written):
     directory = written(20, sequential=RULE)
     runs = Results(directory, None, (), ()).frame()
     passed = (runs.passed.astype(float) * runs.weight).groupby(runs.configuration, observed=True).sum()

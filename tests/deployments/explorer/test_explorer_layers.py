@@ -192,7 +192,7 @@ def test_kept_layers_ask_again_after_an_error(kept, tmp_path: Path):
     asyncio.run(asked())
 
 
-def test_two_runs_are_executed_at_a_time_and_none_that_waits_is_forgotten(kept, tmp_path: Path):
+def test_server_executes_two_runs_at_once_and_forgets_no_waiting_run(kept, tmp_path: Path):
     layers, executed = kept
 
     async def asked():

@@ -234,7 +234,7 @@ def test_link_to_a_run_of_an_unfinished_campaign_reads_no_store(client, running,
     assert (reply.status_code, "its live page opens its runs" in reply.text) == (409, True)
 
 
-def test_nothing_that_an_unfinished_campaign_names_is_believed(client, results, id_of, tmp_path):
+def test_server_believes_no_place_that_an_unfinished_campaign_names(client, results, id_of, tmp_path):
     place = unfinished_stranger(results, tmp_path / "canary")
     asked = {"c": id_of(place), "configuration": "room", "run": "0"}
     for path in ("/", "/live", "/campaign", "/live-run"):

@@ -16,7 +16,7 @@ def foreign(results, tmp_path, monkeypatch):
     return stranger(results, tmp_path / "canary")
 
 
-def test_no_page_of_a_foreign_campaign_executes_its_plug_ins(client, results, foreign, id_of, tmp_path):
+def test_pages_of_foreign_campaign_execute_no_plug_in(client, results, foreign, id_of, tmp_path):
     other = stranger(results, tmp_path / "canary", day=21)
     asked = {"c": id_of(foreign), "a": id_of(foreign), "b": id_of(other), **RUN}
     pages = ("/", "/campaign", "/run", "/configuration", "/compare", "/live", "/live-run")
