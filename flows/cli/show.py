@@ -1,6 +1,7 @@
 """The command `show`: a campaign in the terminal, finished or running."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -8,7 +9,7 @@ import typer
 
 from vastflow.flows.terminal.ending import INTERRUPTED, Interruptible
 from vastflow.flows.terminal.options import AsJson, PlaceOfResults
-from vastflow.oracles.results.unusable import reading
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 
 _RESULTS: Final = "results"
@@ -84,7 +85,7 @@ def _follow(results: Path, as_json: bool) -> None:
         from vastflow.oracles.results.tables import read_tables
 
         counts = last.values
-        with reading(directory):
+        with suppress(UnusableDirectory), reading(directory):  # one that was delivered elsewhere has no tables here
             print(headline_of(read_tables(directory)).text)
         print(f"{counts['passed']} passed, {counts['failed']} failed, {counts['not_judged']} not judged")
         print(report_line(directory))
