@@ -30,7 +30,7 @@ def test_mutant_is_read_or_refused_in_a_sentence(kinds, tmp_path, monkeypatch, n
     count = fuzz.watched(name, kinds[name], range(MUTANTS[name]), 0)
     assert count.violations == []
     assert count.accepted + count.refused == MUTANTS[name]
-    assert count.refused > 0
+    assert count.refused > 0 or name == "store manifest"  # what is damaged there is computed again
 
 
 @pytest.mark.slow

@@ -453,7 +453,7 @@ def laid_out(folder: Path) -> dict[str, Kind]:
     _draw_maps(probes)
     directory = _campaign_directory(probes / "every.vast", folder / "results")
     pictures = [file for file in sorted(probes.iterdir()) if file.suffix in (".pgm", ".bmp", ".png")]
-    family = "configuration: [{name: a, parameters: [%s{start_pose: {x: 1, y: 1, yaw: 0}}, {goal_pose: {x: 2, y: 1, yaw: 0}}]}]\n"
+    family = "configuration: [{name: a, start_check: none, parameters: [%s{start_pose: {x: 1, y: 1, yaw: 0}}, {goal_pose: {x: 2, y: 1, yaw: 0}}]}]\n"
 
     def textual(pattern: str, command: Command, *tree: Mutator) -> Kind:
         seeds = sorted(file for file in folder.rglob(pattern) if "results" not in file.parts)
