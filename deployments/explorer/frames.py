@@ -19,7 +19,7 @@ from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, trace_of
 from vastflow.oracles.results.executed import KeptFiles, configuration_row, recordings_of, scenario_of_row
-from vastflow.oracles.results.schema import rows_of
+from vastflow.oracles.results.schema import VERDICTS, rows_of
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.blocks import read_block
@@ -86,7 +86,7 @@ def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun
     with reading(directory.name):
         row = configuration_row(directory, configuration)
         name = row["duplicate_of"] or configuration
-        of_all = rows_of(directory / "verdicts.parquet", "configuration", name)
+        of_all = rows_of(directory / "verdicts.parquet", "configuration", name).select(VERDICTS.names)
         if not (verdicts := of_all.filter(pc.field("run_index") == run_index).to_pylist()):
             numbers = f"0 to {pc.max(of_all['run_index'])}" if len(of_all) else "of which it has none"
             raise UnusableDirectory(
