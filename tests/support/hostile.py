@@ -19,6 +19,8 @@ PAGE = (Path(__file__).parents[2] / "docs" / "write-a-controller.md").read_text(
 CONTROLLER = dict(re.findall(r"^```\w+ (my_pursuit\.\w+)\n((?:.*\n)*?)^```$", PAGE, re.MULTILINE))
 SHADOWS = ("json", "pickle", "argparse", "logging", "struct", "tempfile")
 """Modules of Python that its own start does not import."""
+RADIUS_M = 0.17
+ROBOT = f"local_costmap: {{local_costmap: {{ros__parameters: {{robot_radius: {RADIUS_M}}}}}}}\n"
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 CAMPAIGN = """\
 version: 1
@@ -58,7 +60,7 @@ def stranger(results, canary, *, day=20, plug_in=True):
     system = {}
     if plug_in:
         for name, text in CONTROLLER.items():
-            (inputs / name).write_text(touching(canary) + text if name.endswith(".py") else text)
+            (inputs / name).write_text(touching(canary) + text if name.endswith(".py") else text + ROBOT)
         system = {"nav2_params": nav2_file(inputs / "my_pursuit.yaml")}
     campaign = SyntheticCampaign(directory)
     environment = {"map_file": map_content(room), "static_objects": []}

@@ -1,7 +1,7 @@
 """Pages of hostile campaign directories: they are drawn, nothing of them is executed, and an execution is permitted first."""
 
 import pytest
-from hostile import executed, stranger
+from hostile import RADIUS_M, executed, stranger
 from unpacked import unpacked
 
 from vastflow.flows.results.trust import foreign_code
@@ -30,7 +30,7 @@ def test_pages_of_foreign_campaign_execute_no_plug_in(client, results, foreign, 
 
 def test_page_of_a_foreign_run_shows_the_robot(client, foreign, id_of):
     header, _ = unpacked(client.get("/api/frames", params={"c": id_of(foreign), **RUN}).content)
-    assert header["robot"]["radius_m"] > 0.1
+    assert header["robot"]["radius_m"] == RADIUS_M
 
 
 @pytest.mark.slow
