@@ -86,6 +86,16 @@ def test_body_moves_freely_beyond_a_millimeter_from_obstacles(obstacle, pose, ve
         assert free == (away > ROBOT.radius_m + MARGIN_M)
 
 
+@each_row(("beside_m", "free"), [(-1e-6, False), (1e-6, True)])
+@pytest.mark.parametrize("what", ["wall", "box", "cylinder"])
+def test_body_is_free_from_its_radius_and_a_millimeter_on(what, beside_m, free):
+    grid = np.zeros((40, 44), dtype=np.int8)
+    grid[:, 0] = 100 * (what == "wall")  # as all of them, up to x = -0.95 m
+    obstacles = () if what == "wall" else (Obstacle("it", what, Pose(-1.0, 3.0), 0.1, 0.1),)
+    at = (-0.95 + ROBOT.radius_m + MARGIN_M + beside_m, 3.0, 0.0)
+    assert free_motion(OccupancyMap(grid, RESOLUTION_M, ORIGIN), at, np.zeros((5, 3)), obstacles)[0] == free
+
+
 WAITING = Obstacle("it", "box", Pose(0.0, 3.0), 0.5, 0.5, Trigger(0.0, 3.0, 1.0))
 
 
