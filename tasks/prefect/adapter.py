@@ -109,6 +109,13 @@ def sent_only(logger: str, worth_sending: Callable[[logging.LogRecord], bool]) -
             handler.removeFilter(worth_sending)
 
 
+def unsent() -> int:
+    """Return the number of events that this process has still to send to Prefect's API."""
+    from prefect.events.worker import EventsWorker
+
+    return sum(each._queue.unfinished_tasks for each in tuple(EventsWorker._instances.values()))
+
+
 def end_services(timeout_s: float) -> None:
     """Let Prefect's background threads send their queues and end, before the server does.
 

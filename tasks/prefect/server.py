@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.tasks.engine.process import own_environment, python_command
-from vastflow.tasks.prefect.adapter import SERVER_SETTINGS, post
+from vastflow.tasks.prefect.adapter import SERVER_SETTINGS, post, unsent
 
 STARTUP_S: Final = 120.0
 """A new database takes 12 s on an idle machine, 35 s on a busy one."""
@@ -22,9 +22,10 @@ STARTUP_S: Final = 120.0
 STARTS: Final = 4
 """Maximum number of starts of an embedded API that is killed again and again."""
 
-DRAIN_S: Final = 60.0
-QUIET_S: Final = 20.0
-"""Time without a new record after which the missing ones are taken as lost with a killed server."""
+QUIET: Final = 60
+"""Answers without a new record, some 20 s, after which the missing ones are taken as lost with a killed server."""
+QUIET_UNSENT: Final = 200
+"""The same while this process has not sent all, as a busy server lets a connection wait."""
 
 SENDING_S: Final = 5.0
 """Maximum time for Prefect's services to send their queues when a flow has ended."""
@@ -163,33 +164,32 @@ def is_embedded() -> bool:
     return _EMBEDDED.get()
 
 
-def drain(flow_run_id: str, task_runs: int, timeout_s: float = DRAIN_S) -> bool:
+def drain(flow_run_id: str, task_runs: int) -> bool:
     """Wait until the server has recorded the ended task runs of a flow run; log and return False if not."""
     try:
-        return _drained(flow_run_id, task_runs, timeout_s)
+        return _drained(flow_run_id, task_runs)
     except Exception as error:  # noqa: BLE001 - the work is done, whatever becomes of Prefect's account of it
         LOGGER.warning("Prefect does not say what it has recorded: %s", error)
         return False
 
 
-def _drained(flow_run_id: str, task_runs: int, timeout_s: float) -> bool:
+def _drained(flow_run_id: str, task_runs: int) -> bool:
     from prefect.client.orchestration import get_client
 
     from vastflow.tasks.prefect.retry import AT_THE_END_S, retried
 
     states = {"type": {"any_": list(_FINAL_STATES)}}
     condition = {"task_runs": {"flow_run_id": {"any_": [flow_run_id]}, "state": states}}
-    began_s = changed_s = time.monotonic()
-    recorded = 0
+    quiet, state = 0, (0, 0)
     with get_client(sync_client=True) as client:
         while True:
-            answer = retried(lambda: post(client, "/task_runs/count", condition), AT_THE_END_S)
-            before, recorded = recorded, int(answer)
+            recorded = int(retried(lambda: post(client, "/task_runs/count", condition), AT_THE_END_S))
             if recorded >= task_runs:
                 return True
-            now_s = time.monotonic()
-            changed_s = now_s if recorded != before else changed_s
-            if now_s > began_s + timeout_s or now_s > changed_s + QUIET_S:
-                LOGGER.warning("Prefect recorded %s of %s task runs in %.0f s", recorded, task_runs, now_s - began_s)
+            before, state = state, (recorded, unsent())
+            # Answers and not seconds: a server that is slow to record is as slow to answer.
+            quiet = quiet + 1 if state == before else 0
+            if quiet >= (QUIET_UNSENT if state[1] else QUIET):
+                LOGGER.warning("Prefect recorded %s of %s task runs", recorded, task_runs)
                 return False
             time.sleep(3 * _POLL_S)

@@ -90,7 +90,9 @@ def test_started_services_end_and_restart(client):
 
     for _ in range(2):
         flow(lambda: None, name="nothing")()
+        assert adapter.unsent() >= 0
         adapter.end_services(5.0)
+    assert adapter.unsent() == 0
 
 
 def test_prefects_console_handlers_are_found_and_others_are_not():

@@ -3,13 +3,17 @@ import subprocess
 import sys
 import textwrap
 import time
+from contextlib import nullcontext
+from itertools import chain, repeat
+from types import SimpleNamespace
 
 import httpx
 import psutil
 import pytest
 from prefect.client.orchestration import get_client
 
-from vastflow.tasks.prefect.server import ApiServer, PrefectUnavailable, embedded
+from vastflow.tasks.prefect import server as server_module
+from vastflow.tasks.prefect.server import ApiServer, PrefectUnavailable, drain, embedded
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -108,3 +112,38 @@ def test_embedded_api_requires_authentication(tmp_path, prefect_home, monkeypatc
             assert client.read_flow_runs() == []
     finally:
         server.stop(0)
+
+
+@pytest.fixture
+def drained(monkeypatch):
+    """Drains three task runs of a server that says these numbers, while this process has so many events to send."""
+
+    def of(said, unsent, answer_s=0.3):
+        clock, answers, left = [0.0], iter(said), iter(unsent)
+
+        def post(*_):
+            clock[0] += answer_s
+            return next(answers)
+
+        fake = SimpleNamespace(monotonic=lambda: clock[0], sleep=lambda s: clock.__setitem__(0, clock[0] + s))
+        monkeypatch.setattr(server_module, "time", fake)
+        monkeypatch.setattr(server_module, "post", post)
+        monkeypatch.setattr(server_module, "unsent", lambda: next(left), raising=False)
+        monkeypatch.setattr("prefect.client.orchestration.get_client", lambda sync_client: nullcontext())
+        return drain("a-flow-run", 3)
+
+    return of
+
+
+def test_draining_waits_for_a_server_that_answers_slowly(drained):
+    assert drained([0, 0, 1, 1, 3], repeat(0), answer_s=25.0)
+
+
+def test_draining_waits_while_events_are_sent_and_then_for_the_last_record(drained):
+    assert drained(chain([0] * 150, [1] * 50, [3]), chain([5] * 150, repeat(0)))
+
+
+@pytest.mark.parametrize("unsent", [0, 5])
+def test_draining_ends_where_nothing_is_recorded_any_more(drained, caplog, unsent):
+    assert not drained(chain([0] * 10, repeat(1)), repeat(unsent))
+    assert "Prefect recorded 1 of 3 task runs" in caplog.text
