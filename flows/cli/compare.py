@@ -23,7 +23,7 @@ def compare(
         bool,
         typer.Option(
             "--gate",
-            help="Exit with 1 unless a loss of the margin is ruled out, with 4 if there are too few paths to tell.",
+            help="Exit with 1 unless a loss of the margin is ruled out, with 4 if there are too few paths (or maps) to tell.",
         ),
     ] = False,
     target: Annotated[

@@ -17,6 +17,7 @@ from vastflow.oracles.evidence.varied import varied_rows
 from vastflow.oracles.results.executed import KeptFiles, environment_names
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.units import Units
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.oracles.statistics.comparison import (
     Change,
@@ -149,7 +150,7 @@ class Gate:
 
     Attributes:
         whole: The difference over all judged pairs.
-        target: The population of its claim.
+        target: The population of its claim, others of these `units`.
         margin: Accepted loss, as a share of the runs.
         new_faults: Faults of the candidate in configurations without a fault in the baseline.
         same_keys: Whether both campaigns were computed from equal scenarios by equal code.
@@ -158,6 +159,7 @@ class Gate:
     pairing: Pairing = field(repr=False)
     whole: RateDifference
     target: Target
+    units: Units
     margin: float
     oracle: str | None
     new_faults: int
@@ -165,7 +167,7 @@ class Gate:
 
     @property
     def needed(self) -> int | None:
-        """Unchanged pairs, or paths for other scenarios, that rule out the margin; None if no number does."""
+        """Unchanged pairs, or units for others, that rule out the margin; None if no number does."""
         return needed(self.margin)
 
     @property
@@ -200,7 +202,7 @@ class Gate:
     @property
     def text(self) -> str:
         """The gate as a sentence."""
-        about = "these scenarios" if self.target == "these" else "others of their kind"
+        about = "these scenarios" if self.target == "these" else f"other {self.units.others}"
         loss = f"a loss of {100 * self.margin:g} points"
         end = f"(lower end of the interval {100 * self.whole.interval[0]:+.2f})"
         match self.status:
@@ -209,11 +211,12 @@ class Gate:
             case "ruled out":
                 return f"gate holds: {loss} or more in {about} is ruled out {end}"
             case "too few paths":
-                least = self.needed
+                noun, least = self.units.noun, self.needed
+                few = f"{count_text(self.whole.paths, noun)} can't rule out {loss} in {about}"
                 enough = (
-                    "no number of paths is enough" if least is None else f"it takes {least:,}, even without a change"
+                    f"no number of {noun}s is enough" if least is None else f"it takes {least:,}, even without a change"
                 )
-                return f"gate can't be claimed: {count_text(self.whole.paths, 'path')} can't rule out {loss} in {about}; {enough}"
+                return f"gate can't be claimed: {few}; {enough}"
             case "new faults":
                 why = f"{count_text(self.new_faults, 'new fault')} in B, whose runs could not be judged"
             case "unequal":
@@ -306,7 +309,7 @@ def compared(
         oracles=each,
         changes=changes(pairs),
         levels=by_level(factors, pairs, target),
-        gate=Gate(pairing, whole, target, margin, oracle, new_faults, same_keys),
+        gate=Gate(pairing, whole, target, after.units, margin, oracle, new_faults, same_keys),
         differences=differences(before, after, pairing),
         campaign_differences=campaign_changes(before.metadata, after.metadata),
         headlines=(headline_of(before).text, headline_of(after).text),

@@ -23,12 +23,24 @@ INGREDIENTS = {
 """Ingredients of the results in `metadata.json`."""
 
 
-def write(folder, configurations, *, oracles=("success",), seed="", created="2026-11-22T06:00:00", system_key="noise"):
-    """A campaign directory without recordings: task, system, and a letter for each run: p, f, or n for not judged."""
+def write(
+    folder,
+    configurations,
+    *,
+    oracles=("success",),
+    seed="",
+    created="2026-11-22T06:00:00",
+    system_key="noise",
+    differ="goal",
+):
+    """A campaign directory without recordings: task, system, and a letter for each run: p, f, or n for not judged.
+
+    Tasks are goals that `differ`, on one map or on none, or one goal on maps that do."""
     folder.mkdir(parents=True)
     rows, runs, verdicts = [], [], []
     for name, (task, system, said) in configurations.items():
-        content = {"environment": {}, "task": {"goal": task}, "system": {system_key: system}}
+        place = {} if differ == "goal" else {"map_file": {"file": f"{task if differ == 'map' else 0}"}}
+        content = {"environment": place, "task": {"goal": task * (differ != "map")}, "system": {system_key: system}}
         row = {"name": name, "family": "f", "provenance": "{}"}
         row |= dict.fromkeys(("scenario_digest", "checked_digest"), f"{task} {system}")
         row |= {"abstract": "builtin:navigate_to_pose", "scenario": json.dumps(content)}
@@ -103,8 +115,14 @@ GATES = [
     # 0.98 to the power of 182 is above 0.025, of 183 below: a loss of 2 points shows none in 120 pairs in one of eleven cases.
     (ALIKE, ALIKE, (), 1, "it takes 183 pairs without a change"),
     (ALIKE, ALIKE, ("--margin", 0.04), 0, "gate holds: a loss of 4 points or more in these scenarios is ruled out"),
-    (ALIKE, ALIKE, OTHERS, 4, "can't be claimed: 12 paths can't rule out a loss of 2 points in others of their kind"),
-    (ALIKE, ALIKE, (*OTHERS, "--margin", 0), 4, "no number of paths is enough"),
+    (
+        ALIKE,
+        ALIKE,
+        OTHERS,
+        4,
+        "can't be claimed: 12 situations can't rule out a loss of 2 points in other situations; it takes 183",
+    ),
+    (ALIKE, ALIKE, (*OTHERS, "--margin", 0), 4, "no number of situations is enough"),
     (PATHS, PATHS, (*OTHERS, "--margin", 0.1), 0, "gate holds"),
     (PATHS, PATHS, (*OTHERS, "--margin", 0.09), 4, "gate can't be claimed"),
     (LONG, FEWER, WIDE, 1, "gate does not hold: 1 configuration only in A; both campaigns need the same"),
@@ -122,6 +140,18 @@ GATES = [
 def test_gate_exits_with_own_code_and_reason(tmp_path, then, now, options, exit_code, words):
     result = compared(write(tmp_path / "then", then), write(tmp_path / "now", now), "--gate", *options)
     assert (result.exit_code, words in result.stdout) == (exit_code, True), result.output
+
+
+@each_row(
+    ("differ", "words"),
+    [
+        ("map", "12 maps can't rule out a loss of 2 points in other maps with this path; it takes 183"),
+        ("goal on a map", "12 paths can't rule out a loss of 2 points in other paths on this map; it takes 183"),
+    ],
+)
+def test_gate_names_the_units_that_it_speaks_of(tmp_path, differ, words):
+    then, now = (write(tmp_path / name, ALIKE, differ=differ) for name in ("then", "now"))
+    assert words in compared(then, now, "--gate", *OTHERS).stdout
 
 
 @each_row(
@@ -294,4 +324,4 @@ def test_compare_writes_junit_file_with_gate_and_every_configuration(before, wor
     ((case,), _) = ElementTree.parse(tmp_path / "compare.xml").getroot()
     stated = {one.get("name"): one.get("value") for one in case.find("properties")}
     assert (stated["target"], stated["status"], stated["needed"]) == ("others", "too few paths", "183")
-    assert case.find("error").get("message").startswith("gate can't be claimed: 12 paths")
+    assert case.find("error").get("message").startswith("gate can't be claimed: 12 situations")
