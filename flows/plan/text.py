@@ -54,7 +54,7 @@ def plan_json(plan: Plan, file: str) -> dict[str, Any]:
         "robots": list(plan.robots),
         "estimate_s": round(plan.estimate.wall_s, 1),
         "why": why_json(plan),
-        "power": [each.json for each in planned_power(plan)],
+        "power": list(planned_power(plan)),
         "faults": [*map(str, plan.unexecutable), *map(str, plan.faults)],
     }
 
@@ -106,7 +106,7 @@ def plan_text(plan: Plan, *, why: bool = False, coverage: bool = False) -> Itera
         times = f"{duration_text(plan.estimate.wall_s)} for {duration_text(simulated_s)} of simulated time"
         yield Text(f"estimate: {about} {times} ({plan.estimate.how})")
     for shown in planned_power(plan):
-        yield Text(str(shown), "dim")
+        yield Text(shown["text"], "dim")
     if why:
         yield from _why_text(plan)
     for fault in plan.faults:

@@ -89,6 +89,24 @@ def test_plan_counts_configurations_and_their_losses(rich_room):
     assert "dimension" in printed and "pair of producers" in printed
 
 
+@pytest.mark.parametrize(
+    ("paths", "runs", "power", "words"),
+    [
+        (1, 2, {"these": None, "others": None}, "1 path, with 2 runs at each of 2 levels of laserscan_random_drop_percentage."),
+        (6, 5, {"these": 0.4, "others": 0.6}, "So many runs show 40 points on these paths in 8 of 10 campaigns, and 60 points for other paths on this map."),
+    ],
+)  # fmt: skip
+def test_plan_says_which_effects_so_many_paths_and_runs_show(rich_room, paths, runs, power, words):
+    text = rich_room.read_text().replace(
+        "path_length: [2.0, 200.0]", f"num_paths: {paths}, path_length: 2.0".replace(", ", "\n          ")
+    )
+    rich_room.write_text(text)
+    (found,) = as_json(rich_room, "--runs", runs)["power"]
+    assert (found["situations"], found["units"], found["levels"], found["runs"]) == (paths, "path", 2, runs)
+    assert (found["power"], found["factors"]) == (power, ["laserscan_random_drop_percentage"])
+    assert words in planned(rich_room, "--runs", runs).stdout.replace("\n", "")
+
+
 def test_plan_draws_first_distinct_configurations(rich_room, tmp_path):
     assert as_json(rich_room)["pictures"] == [] and not list(tmp_path.glob("pictures-*"))
     found = as_json(rich_room, "--pictures", 1, "--out", tmp_path / "pictures")
