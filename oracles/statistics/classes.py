@@ -4,7 +4,7 @@ from bisect import bisect_left
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,13 +45,12 @@ class Classes:
 
     Attributes:
         names: (m,) its class, or `undecided`.
-        p_values: (m,) of the nearest claim; NaN where they do not apply.
-        adjusted: (m,) for all configurations that might have the class; the claim is made where it is at most `error`.
+        adjusted: (m,) p-values of the nearest claim, for all configurations that might have the class; it is made where they are at most
+            `error`. NaN where they do not apply.
         error: The controlled rate of errors, which the sentence `controls` describes.
     """
 
     names: tuple[ClassName, ...] = field(repr=False)
-    p_values: Floats = field(repr=False)
     adjusted: Floats = field(repr=False)
     error: float
     controls: str
@@ -116,7 +115,7 @@ def classify(passed: ArrayLike, judged: ArrayLike, bounds: ClassBounds | None = 
         f"of the configurations that are called reliable, at most {100 * error:g} % are called so wrongly, in expectation; likewise "
         "of those called systematic, and of those called flaky (exact binomial tests, Benjamini-Hochberg)"
     )
-    return Classes(names, np.where(n > 0, claims.min(axis=0), 1.0), of_nearest, error, controls)
+    return Classes(names, of_nearest, error, controls)
 
 
 @cache
@@ -170,22 +169,16 @@ _OPEN: Final = -1
 """No claim; other values are indices in `CLAIMS`."""
 
 
-@dataclass(frozen=True, eq=False)
-class OperatingCharacteristics:
-    """Operating characteristics of a rule at known rates of passing.
+class OperatingCharacteristics(NamedTuple):
+    """Operating characteristics of a rule at k known rates of passing.
 
     Attributes:
-        p: (k,) rates of passing.
-        systematic, flaky, reliable, undecided: (k,) probability of each end.
+        ends: (k,) probability of each class, and of `undecided`.
         wrong: (k,) probability of claiming a wrong class.
         expected_runs: (k,) mean number of runs.
     """
 
-    p: Floats
-    systematic: Floats
-    flaky: Floats
-    reliable: Floats
-    undecided: Floats
+    ends: Mapping[ClassName, Floats]
     wrong: Floats
     expected_runs: Floats
 
@@ -260,8 +253,12 @@ class StoppingRule:
     @cached_property
     def decidable(self) -> tuple[ClassName, ...]:
         """Classes that `max_runs` can show."""
-        found = {claim for claims in self._lattice for claim in claims.tolist() if claim != _OPEN}
-        return tuple(CLAIMS[claim] for claim in sorted(found))
+        return tuple(CLAIMS[claim] for claim in np.unique(self._lattice) if claim != _OPEN)
+
+    @cached_property
+    def decided(self) -> NDArray[np.bool_]:
+        """(max_runs + 1, max_runs + 1) whether a class is decided, by judged runs and passes."""
+        return np.stack(self._lattice) != _OPEN
 
     def operating_characteristics(self, p: ArrayLike, runs_per_look: int = 1) -> OperatingCharacteristics:
         """Exact operating characteristics at rates `p` (k,), with `runs_per_look` runs between two looks."""
@@ -336,7 +333,7 @@ class StoppingRule:
 
         def is_enough(k: int) -> bool:
             claims = list(np.where(evidence >= candidates[k], claim, _OPEN))
-            open_ = _characteristics(claims, range(len(claims)), np.array(nulls), self.bounds).undecided
+            open_ = _characteristics(claims, range(len(claims)), np.array(nulls), self.bounds).ends["undecided"]
             return bool((1.0 - open_).max() <= error)
 
         first = bisect_left(range(len(candidates)), True, key=is_enough)
@@ -346,12 +343,11 @@ class StoppingRule:
 def classes_by(rule: StoppingRule, passed: ArrayLike, judged: ArrayLike) -> Classes:
     """Classes of configurations with runs stopped by `rule`; others are undecided."""
     names = tuple(found or "undecided" for found in rule.decisions(passed, judged))
-    unknown = np.full(len(names), np.nan)
     controls = (
         f"of each configuration, a class that is not its own is claimed with a probability of at most {100 * rule.worst_error:.2g} % "
         f"(sequential tests, {rule.min_runs} to {rule.max_runs} runs)"
     )
-    return Classes(names, unknown, unknown, rule.error, controls)
+    return Classes(names, np.full(len(names), np.nan), rule.error, controls)
 
 
 def runs_saved(rule: StoppingRule, runs: ArrayLike) -> Savings:
@@ -379,4 +375,5 @@ def _characteristics(
                 ends[claim] += alive[:, there].sum(axis=1)
                 alive[:, there] = 0.0
     wrong = ends.sum(axis=0) - ends[bounds.of(rates), np.arange(len(rates))]
-    return OperatingCharacteristics(rates, ends[0], ends[1], ends[2], alive.sum(axis=1), wrong, expected)
+    found = dict(zip((*CLAIMS, "undecided"), (*ends, alive.sum(axis=1)), strict=True))
+    return OperatingCharacteristics(found, wrong, expected)

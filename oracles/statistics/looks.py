@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -55,7 +55,7 @@ class Looks:
         """
         runs = passed = judged = 0
         while True:
-            look = self._next(runs, passed, judged)
+            look = _next(self, runs, passed, judged)
             for run in range(runs, look):
                 said = judgements.get(run)
                 if said is None:
@@ -63,7 +63,7 @@ class Looks:
                 passed += said == "pass"
                 judged += said != "not judged"
             runs = look
-            if runs >= self.most or self._decided[judged][passed]:
+            if runs >= self.most or self.rule.decided[judged, passed]:
                 return runs
 
     def rates(self, passed: ArrayLike, judged: ArrayLike) -> Floats:
@@ -91,40 +91,12 @@ class Looks:
         ended = np.isin(n, np.flatnonzero((self._ends & (self._reach[0] > 0)).any(axis=1)))
         return np.asarray(np.where(ended, found, np.minimum(n, found)), dtype=np.float64)
 
-    def _next(self, runs: int, passed: int, judged: int) -> int:
-        """The next look, after `runs`, at which something may be decided."""
-        key = runs, passed, judged
-        if key not in self._found:
-
-            def may_decide(more: int) -> bool:
-                return any(any(self._decided[judged + k][passed : passed + k + 1]) for k in range(more + 1))
-
-            later = (look for look in self.looks if look > runs)
-            self._found[key] = next(look for look in later if look >= self.most or may_decide(look - runs))
-        return self._found[key]
-
-    @cached_property
-    def _found(self) -> dict[tuple[int, int, int], int]:
-        """Next looks that were found; thousands of configurations come by the same few."""
-        return {}
-
-    @cached_property
-    def _decided(self) -> list[list[bool]]:
-        """Whether a class is decided, by judged runs and passes."""
-        return [
-            [
-                found not in (None, "undecided")
-                for found in self.rule.decisions(range(judged + 1), [judged] * (judged + 1))
-            ]
-            for judged in range(self.most + 1)
-        ]
-
     @cached_property
     def _ends(self) -> NDArray[np.bool_]:
         """(most + 1, most + 1) whether runs end at (judged, passed), if they come there."""
-        ends = np.zeros((self.most + 1, self.most + 1), dtype=np.bool_)
-        for n in self.looks:
-            ends[n, : n + 1] = self._decided[n] if n < self.most else True
+        ends = np.zeros_like(self.rule.decided)
+        ends[[*self.looks]] = self.rule.decided[[*self.looks]]
+        ends[self.most] = True
         return ends
 
     @cached_property
@@ -167,6 +139,17 @@ class Looks:
                 hull.pop()
             hull.append((p_c, v_c))
         return np.asarray(_RATES * (1 - _RATES) / np.interp(_RATES, *np.array(hull).T))
+
+
+@cache
+def _next(looks: Looks, runs: int, passed: int, judged: int) -> int:
+    """The next look, after `runs`, at which something may be decided."""
+
+    def may_decide(more: int) -> bool:
+        return any(looks.rule.decided[judged + k, passed : passed + k + 1].any() for k in range(more + 1))
+
+    later = (look for look in looks.looks if look > runs)
+    return next(look for look in later if look >= looks.most or may_decide(look - runs))
 
 
 def mean_rate(rates: ArrayLike, runs: ArrayLike, looks: Looks | None = None, weights: ArrayLike = 1.0) -> Mean | None:

@@ -158,9 +158,8 @@ def _effect(
 
 def _means(table: Floats, groups: Codes) -> Floats:
     """Mean row of each group."""
-    sums = np.zeros((int(groups.max()) + 1, table.shape[1]))
-    np.add.at(sums, groups, table)
-    return sums / np.bincount(groups)[:, None]
+    rows, levels = table.shape
+    return means_of(table.reshape(-1), np.repeat(groups, levels), np.tile(np.arange(levels), rows), levels)
 
 
 def _interval(values: Floats, error: float) -> tuple[float, float] | None:

@@ -17,7 +17,7 @@ LOOKS = Looks(StoppingRule(5, 60))
 def test_rates_after_one_look_at_two_runs_are_those_by_hand():
     # A rule that ends after one run where it passes, and after two where it does not: ends are P, FP, FF.
     looks = Looks(StoppingRule(1, 2))
-    looks.__dict__["_decided"] = [[False], [False, True], [False] * 3]
+    looks.rule.__dict__["decided"] = np.array([[False] * 3, [False, True, False], [False] * 3])
     assert looks.rates([1, 1, 0], [1, 2, 2]).tolist() == [1.0, 0.0, 0.0]
     assert np.isnan(looks.rates([0], [0])).all()
 
