@@ -41,7 +41,12 @@ def planned_power(plan: Plan) -> Iterator[dict[str, Any]]:
             power = power_of(situations, levels, runs, len(within))
             size = f"{plural(situations, units.noun)}, with {plural(runs, 'run')} at each of {levels} levels of {', '.join(names)}"
             yield {
-                **{"text": f"{', '.join(families)}: {size}. {power_text(power, units)}", "families": families},
-                **{"factors": names, "units": units.noun, "situations": situations, "levels": levels, "runs": runs},
+                "text": f"{', '.join(families)}: {size}. {power_text(power, units)}",
+                "families": families,
+                "factors": names,
+                "units": units.noun,
+                "situations": situations,
+                "levels": levels,
+                "runs": runs,
                 "power": asdict(power),
             }

@@ -67,7 +67,7 @@ def details(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
     yield from outcome(tables, evidence)
     yield ""
     each = [
-        _Row((name,), counts, group.mean_of(name))
+        _Row((name,), counts, group.means[name])
         for group in evidence[None].families.values()
         for name, counts in group.by_name.items()
     ]

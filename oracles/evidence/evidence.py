@@ -1,7 +1,7 @@
 """Evidence: rates and intervals of a campaign, its families, and its configurations."""
 
 import json
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final
@@ -82,10 +82,14 @@ class Group:
         found = clustered(list(self.by_name.values()), blocks=[blocks[name] for name in self.by_name])
         return found and Interval(min(found.low, these.low), max(found.high, these.high))
 
-    def mean_of(self, name: str) -> Mean | None:
-        """A configuration's rate and interval; None without judged runs and for sought ones."""
-        counts = self.by_name[name]
-        return None if self.sought or counts.rate is None else (counts.rate, counts.interval)
+    @cached_property
+    def means(self) -> Mapping[str, Mean | None]:
+        """Rate and interval of each configuration; None without judged runs and for sought ones."""
+        ends = _of_each(wilson_intervals, self.by_name.values())
+        return {
+            name: None if self.sought or counts.rate is None else (counts.rate, Interval(low, high))
+            for (name, counts), (low, high) in zip(self.by_name.items(), ends, strict=True)
+        }
 
     def of(self, names: Iterable[str]) -> "Group":
         """Some of these configurations."""
@@ -212,31 +216,25 @@ def _document(evidence: Evidence, spreads: Mapping[str, Spread]) -> dict[str, An
         ends = {name: each and asdict(each) for name, each in (("interval", of.interval), ("clustered", of.clustered))}
         return {**asdict(of.counts), "rate": of.rate, "configurations": of.configurations, **ends}
 
-    sought = {name for each in evidence.families.values() if each.sought for name in each.by_name}
-    configurations = (
-        each if name not in sought else {**each, "rate": None, "interval": None, "exact": None}
-        for name, each in zip(evidence.configurations, _with_intervals(evidence.configurations.values()), strict=True)
-    )
     return {
         "campaign": group(evidence.campaign),
         "families": {name: group(each) for name, each in evidence.families.items()},
-        "configurations": zip(evidence.configurations, configurations, strict=True),
+        "configurations": (row for each in evidence.families.values() for row in _configurations(each)),
         "metrics": {name: asdict(spread) for name, spread in spreads.items()},
     }
 
 
-def _with_intervals(of: Collection[Counts]) -> Iterator[dict[str, Any]]:
-    passed, judged = [counts.passed for counts in of], [counts.judged for counts in of]
-    wilson, exact = wilson_intervals(passed, judged).tolist(), clopper_pearson_intervals(passed, judged).tolist()
-    for counts, ends, exact_ends in zip(of, wilson, exact, strict=True):
-        yield {
-            "passed": counts.passed,
-            "failed": counts.failed,
-            "not_judged": counts.not_judged,
-            "rate": counts.rate,
-            "interval": dict(zip(("low", "high"), ends, strict=True)),
-            "exact": dict(zip(("low", "high"), exact_ends, strict=True)),
-        }
+def _configurations(group: Group) -> Iterator[tuple[str, dict[str, Any]]]:
+    wilson, exact = (_of_each(each, group.by_name.values()) for each in (wilson_intervals, clopper_pearson_intervals))
+    for (name, counts), *both in zip(group.by_name.items(), wilson, exact, strict=True):
+        ends = (None if group.sought else {"low": low, "high": high} for low, high in both)
+        rate = None if group.sought else counts.rate
+        yield name, {**asdict(counts), "rate": rate, **dict(zip(("interval", "exact"), ends, strict=True))}
+
+
+def _of_each(intervals: Callable[..., Floats], counts: Collection[Counts]) -> list[tuple[float, float]]:
+    found: list[tuple[float, float]] = intervals([c.passed for c in counts], [c.judged for c in counts]).tolist()
+    return found
 
 
 def _lines(value: Any, depth: int = 1) -> Iterator[str]:

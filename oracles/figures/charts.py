@@ -69,7 +69,7 @@ def _rate_rows(evidence: Evidence, families: Sequence[str]) -> Iterator[tuple[st
         yield family, _Bars(group.counts, group.mean, group.clustered, True)
         if singles:
             for name in group.by_name:
-                yield name, _Bars(group.by_name[name], group.mean_of(name), None, False)
+                yield name, _Bars(group.by_name[name], group.means[name], None, False)
 
 
 def _draw_rates(axes: Axes, rows: Sequence[_Bars]) -> None:

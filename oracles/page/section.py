@@ -11,7 +11,7 @@ from markupsafe import Markup
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.page.film import Film
 from vastflow.oracles.page.words import percent, span_of
-from vastflow.oracles.statistics.intervals import Counts, thousandths, wilson_intervals
+from vastflow.oracles.statistics.intervals import Counts
 from vastflow.oracles.statistics.looks import Mean
 
 ColumnKind: TypeAlias = Literal["text", "name", "long", "choice", "number", "rate", "class"]
@@ -156,14 +156,8 @@ def rate_cell(counts: Counts, mean: Mean | None) -> list[float | None]:
 
 def configuration_cells(evidence: Evidence) -> dict[str, list[float | None]]:
     """`rate_cell` of each configuration."""
-    found = evidence.configurations
-    sought = {name for group in evidence.families.values() if group.sought for name in group.by_name}
-    ends = wilson_intervals([each.passed for each in found.values()], [each.judged for each in found.values()])
-    return {
-        name: [counts.passed, counts.judged, counts.not_judged]
-        + ([None] * 3 if name in sought else [*interval, counts.rate])
-        for (name, counts), interval in zip(found.items(), thousandths(ends).tolist(), strict=True)
-    }
+    of = evidence.families.values()
+    return {name: rate_cell(counts, group.means[name]) for group in of for name, counts in group.by_name.items()}
 
 
 def bar(cell: Sequence[Any]) -> Markup:

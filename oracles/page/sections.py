@@ -97,7 +97,8 @@ def configurations_section(facts: Facts) -> Section:
             found.factors[k].get(key) if numeric else facts.factor(k, key) for key, numeric in facts.varied.items()
         ]
         rows.append([found.names[k], found.families[k], name, *rates, *still, *values])
-    rows.sort(key=lambda row: (row[3][4] or 0, row[3][0] - row[3][1]))  # the rate's upper bound, then failures
+    # The rate's upper bound, then failures; what was not judged is last.
+    rows.sort(key=lambda row: (row[3][4] or (0 if row[3][1] else 1000), row[3][0] - row[3][1]))
     head = [Column("Configuration"), Column("Family", "choice"), Column("Class", "class"), *_rate_columns(facts)]
     head += [Column(key, "number" if numeric else "text") for key, numeric in facts.varied.items()]
     failing = int(np.count_nonzero(facts.findings.counts[:, 1]))
