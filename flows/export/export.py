@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import zipfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -21,9 +20,10 @@ from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.schema import behaviors_of, table_of, table_rows
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
+from vastflow.sim.model.archive import unpacked
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.model.files import files_below, open_file, yaml_value
+from vastflow.sim.model.files import copy_file, files_below, open_file, yaml_value
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.pose import pose_of
 from vastflow.sim.model.recording import run_log_of
@@ -119,20 +119,18 @@ class ExportSource:
         file = self._directory / "outputs" / f"{row['name']}.zip"
         if not file.is_file():
             return
-        with reading(self._directory), open_file(file) as content, zipfile.ZipFile(content) as archive:
-            entries = dict.fromkeys(archive.namelist())
-            for entry in entries:
-                run_index, kind, name = entry.split("/", 2)
-                written = archive.read(entry)
+        with reading(self._directory), open_file(file) as content:
+            files = set()  # which come first
+            for (run_index, kind, name), written in unpacked(content):
                 if kind == "tables":
                     own = name.removesuffix(".parquet")
                     as_csv = own if own.endswith(".csv") else f"{own}.csv"
-                    taken = f"{run_index}/files/{as_csv}" in entries
-                    if not own.endswith(".parquet") and not taken:
-                        name, written = as_csv, table_csv(table_of(written, entry))
+                    if not own.endswith(".parquet") and (run_index, as_csv) not in files:
+                        name, written = as_csv, table_csv(table_of(written, name))
                     else:
                         name = f"{own.removesuffix('.parquet')}.parquet"
-                yield int(run_index), name, written
+                files.add((run_index, name))
+                yield run_index, name, written
 
     def _with_paths(self, value: Any, shared: str) -> Any:
         """`value` with `{"file": digest}` as the path of that file; left alone where it is not kept."""
@@ -205,7 +203,7 @@ def export(
     suites = []
     with _filled(folder) as place:
         for name, path in source.shared_files():
-            shutil.copyfile(path, _below(place / SHARED, name))
+            copy_file(path, _below(place / SHARED, name))
         for done, row in enumerate(chosen):
             progress(done, len(chosen))
             home = place / row["name"]

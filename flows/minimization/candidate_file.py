@@ -1,7 +1,6 @@
 """A candidate as a campaign file: one family of fixed values."""
 
 import os
-import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -25,7 +24,7 @@ from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import FileError, complaint
-from vastflow.sim.model.files import read_text, yaml_value
+from vastflow.sim.model.files import copy_file, files_below, read_text, yaml_value
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
@@ -117,16 +116,15 @@ def candidate_files(failing: Failing) -> Iterator[CandidateFiles]:
     """Yield a temporary folder for candidates."""
     with TemporaryDirectory(prefix="vastflow-") as place:
         folder = Path(place).resolve()
-        if (failing.directory / "inputs").is_dir():
-            shutil.copytree(failing.directory / "inputs", folder, dirs_exist_ok=True)
+        for file in files_below(inputs := failing.directory / "inputs"):
+            copy_file(file, folder / file.relative_to(inputs))
         for key in failing.subject.values.keys() & _MAPS.keys():
             content = failing.subject.values[key]
             assert isinstance(content, FileContent)
             map_file = Path(content.path)
             picture = str(yaml_value(read_text(map_file))["image"])
-            (folder / _MAPS[key]).mkdir(exist_ok=True)
             for file in (map_file, map_file.parent / picture):
-                shutil.copyfile(file, folder / _MAPS[key] / file.name)
+                copy_file(file, folder / _MAPS[key] / file.name)
         yield CandidateFiles(failing, folder)
 
 

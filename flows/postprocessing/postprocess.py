@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,9 +17,10 @@ from vastflow.flows.results.results import write_json
 from vastflow.flows.results.summary import Results
 from vastflow.producers.campaign_file.postprocessing import CONFIG, ProcessingStep
 from vastflow.sim.model.digest import digest, file_digest
-from vastflow.sim.model.files import read_json
+from vastflow.sim.model.files import copy_file, files_below, read_json
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.process import own_environment, python_command
+from vastflow.tasks.store.artifact import inside
 
 FOLDER: Final = "postprocessing"
 STAGE: Final = "postprocessing"
@@ -106,7 +106,7 @@ def _earlier(directory: Path, key: str) -> tuple[Path, Processed] | None:
             for step in (Processed(**row) for row in read_json(folder / STEPS)["steps"]):
                 if step.key == key and step.outcome == "done":
                     files = step.files.items()  # a user may have edited them
-                    if all((folder / name).is_file() and file_digest(folder / name) == own for name, own in files):
+                    if all(file_digest(inside(folder, name)) == own for name, own in files):
                         return folder, step
     return None
 
@@ -125,9 +125,8 @@ class _Copy:
         """Place of each file of the copy to its size and time; makes the copy."""
         if not self.folder.exists():
             export(self.directory, self.folder, outputs="")
-            kept = self.directory / FOLDER
-            if kept.is_dir():
-                shutil.copytree(kept, self.folder, dirs_exist_ok=True)
+            for file in files_below(kept := self.directory / FOLDER):
+                copy_file(file, self.folder / file.relative_to(kept))
         files = (path for path in self.folder.rglob("*") if path.is_file() and not path.is_symlink())
         return {
             path.relative_to(self.folder).as_posix(): (path.stat().st_size, path.stat().st_mtime_ns) for path in files
@@ -138,8 +137,7 @@ class _Copy:
         copied = source == self.folder or not self.folder.exists()
         for target in (self.directory / FOLDER, *([] if copied else [self.folder])):
             for name in names:
-                (target / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(source / name, target / name)
+                copy_file(source / name, target / name)
 
 
 def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:

@@ -1,7 +1,6 @@
 """Input files of a campaign: captured when it is read, and laid out again later."""
 
 import os
-import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -20,7 +19,7 @@ from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.floorplan.files import PlanFile, VariationFile
 from vastflow.sim.model.digest import FileContent, digest
 from vastflow.sim.model.faults import FileError
-from vastflow.sim.model.files import files_below, read_bytes, read_text, yaml_value
+from vastflow.sim.model.files import copy_file, files_below, read_bytes, read_text, yaml_value
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot
@@ -194,16 +193,11 @@ def _laid_out(directory: Path, asked: Asked, folder: Path) -> Replica:
     for path in files_below(inputs):
         name = path.relative_to(inputs).as_posix()
         if name not in outside:
-            _copy(path, base / name)
+            copy_file(path, base / name)
     for place, name in asked.places.items():
         if (inputs / name) in files_below(inputs):
             target = os.path.relpath(os.path.normpath(base / place), folder)
-            _copy(inside(inputs, name), inside(folder, target))
+            copy_file(inside(inputs, name), inside(folder, target))
     file = inside(base, asked.file)
-    _copy(directory / "campaign.vast", file)
+    copy_file(directory / "campaign.vast", file)
     return Replica(file, root)
-
-
-def _copy(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, target)

@@ -5,7 +5,6 @@ import json
 import logging
 import os
 import platform
-import shutil
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -38,7 +37,7 @@ from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.model.archive import one_archive
 from vastflow.sim.model.digest import FileContent, file_digest
-from vastflow.sim.model.files import replace_file
+from vastflow.sim.model.files import copy_file, replace_file
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from vastflow.tasks.engine.engine import RunFault
@@ -225,7 +224,7 @@ def _write_environments(
             write_map(folder, load_map(map_file.path) if own is None else own)
             for beside in (Path(map_file.path).with_name(name) for name in (MESH, PLAN, PROVENANCE) if own is None):
                 if beside.is_file():
-                    shutil.copyfile(beside, folder / beside.name)
+                    copy_file(beside, folder / beside.name)
         for key, value in configuration.scenario.environment.items():
             if key != MAP_KEY and isinstance(value, FileContent) and value.digest not in named:
                 place = folder / Path(value.path).name

@@ -31,6 +31,7 @@ from vastflow.sim.loop.standstill import STOOD_STILL
 from vastflow.sim.model.archive import behaviors_below, read_behaviors
 from vastflow.sim.model.blocks import read_block, read_rows, write_block
 from vastflow.sim.model.digest import digest
+from vastflow.sim.model.files import Unreadable, read_bytes
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES
 from vastflow.tasks.engine.work import VERDICTS as VERDICTS_FILE
@@ -66,8 +67,8 @@ class StoredResult:
 
     def _read(self, artifact: Artifact, name: str) -> bytes:
         if (copy := self._copies.get(name)) is not None:
-            with suppress(OSError):
-                content = copy.read_bytes()
+            with suppress(Unreadable):
+                content = read_bytes(copy, most_bytes=artifact.files[name].size)
                 if entry_of(content) == artifact.files[name]:
                     return content
         return self._store.load(artifact, name)

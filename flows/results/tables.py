@@ -1,8 +1,7 @@
 """The tables of a campaign directory: rows of configurations, runs, and verdicts, and the files that hold them."""
 
-import json
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -29,6 +28,7 @@ from vastflow.oracles.statistics.intervals import Counts
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.files import Missing, json_value, open_file
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.tasks.engine.engine import RunFault
 
@@ -151,7 +151,7 @@ class KeptLogs:
         """The log of each of a configuration's runs, in order, with the block's host and versions; empty without any."""
         found: dict[int, dict[str, Any]] = {}
         for line in self._lines.get(configuration, ()):
-            block = json.loads(line)
+            block = json_value(line)
             where = {key: value for key, value in block.items() if key not in ("configuration", "runs")}
             found |= {row["run_index"]: {**row, **where} for row in block["runs"]}
         return [found[run_index] for run_index in sorted(found)]
@@ -159,8 +159,7 @@ class KeptLogs:
     @cached_property
     def _lines(self) -> dict[str, list[bytes]]:
         found: dict[str, list[bytes]] = {}
-        file = self._directory / LOGS_FILE
-        if file.is_file():
-            for line in file.read_bytes().splitlines():
-                found.setdefault(json.loads(line)["configuration"], []).append(line)
+        with suppress(Missing), open_file(self._directory / LOGS_FILE) as lines:
+            for line in lines:
+                found.setdefault(json_value(line)["configuration"], []).append(line)
         return found

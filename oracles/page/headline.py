@@ -11,6 +11,7 @@ from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.judgement.cause import CAUSES
 from vastflow.oracles.page import words
 from vastflow.oracles.results.tables import read_tables
+from vastflow.sim.model.files import read_bytes
 
 _FIGURES: Final = ("maps", "final-poses-*", "failure-rate-*", "passed-*")
 """Names of figures by priority; the first two available are shown."""
@@ -48,6 +49,6 @@ def headline_html(directory: Path) -> str:
         counts=campaign.counts,
         causes=causes_of(tables),
         meanings=CAUSES,
-        figures=[(file.stem.replace("-", " "), base64.b64encode(file.read_bytes()).decode()) for file in files],
+        figures=[(file.stem.replace("-", " "), base64.b64encode(read_bytes(file)).decode()) for file in files],
         report=directory / "report.html",
     )

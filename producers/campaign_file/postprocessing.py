@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, TypeAlias
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.model.faults import NOT_EXECUTED, Location
 from vastflow.sim.model.faults import Fault
-from vastflow.sim.model.files import is_file
+from vastflow.sim.model.files import is_file, read_bytes
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.plug_ins.neighbors import PlugInError, neighbors_of
 
@@ -43,8 +43,8 @@ def plug_in_complaint(reference: str, base: Path) -> str | None:
     if not is_file(base / name):
         return f"got {reference!r}, and there is no such file"
     try:
-        module = ast.parse((base / name).read_bytes())
-    except (SyntaxError, ValueError, RecursionError, OSError) as error:
+        module = ast.parse(read_bytes(base / name))
+    except (SyntaxError, ValueError, RecursionError) as error:
         return f"{name} can't be read as Python: {' '.join(str(error).split())}"
     for node in ast.walk(module):
         match node:

@@ -6,8 +6,8 @@ long and twice the room.
 
 import io
 import zipfile
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import IO, Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -17,10 +17,13 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vastflow.sim.model.blocks import RUN_INDEX, array_of
+from vastflow.sim.model.files import Unreadable
 from vastflow.sim.model.parquet import open_table
 from vastflow.sim.model.recording import Columns, Outputs
 
 MAX_UNPACKED_BYTES: Final = 512 * 2**20
+MOST_OUTPUTS_BYTES: Final = 4 * 2**30
+"""Of all outputs of a configuration; those of a run have at most 320 MiB."""
 _LONG_AGO: Final = (1980, 1, 1, 0, 0, 0)
 _DTYPES: Final[Mapping[str, Any]] = {"double": np.float64, "int64": np.int64, "bool": np.bool_, "string": object}
 
@@ -51,20 +54,30 @@ def write_outputs(outputs: Mapping[int, Outputs]) -> bytes:
     return out.getvalue()
 
 
+def unpacked(file: IO[bytes]) -> Iterator[tuple[tuple[int, str, str], bytes]]:
+    """Yield run index, `tables` or `files`, and name of each entry of an archive of outputs, with its content.
+
+    Raises:
+        ValueError, BadZipFile: damaged, or larger than outputs are.
+    """
+    with zipfile.ZipFile(file) as archive:
+        entries = {entry.filename: entry for entry in archive.infolist()}
+        if (found := sum(entry.file_size for entry in entries.values())) > MOST_OUTPUTS_BYTES:
+            raise Unreadable(f"got {found:,} bytes of outputs when unpacked", f"at most {MOST_OUTPUTS_BYTES:,}")
+        for name, entry in entries.items():
+            run_index, kind, path = name.split("/", 2)
+            yield (int(run_index), kind, path), archive.read(entry)
+
+
 def read_outputs(content: bytes) -> dict[int, Outputs]:
-    """Read outputs that `write_outputs` wrote."""
+    """Read outputs that `write_outputs` wrote; raises as `unpacked` does."""
     tables: dict[int, dict[str, Columns]] = {}
     files: dict[int, dict[str, bytes]] = {}
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        for entry in archive.namelist():
-            number, kind, name = entry.split("/", 2)
-            run_index = int(number)
-            if kind == "tables":
-                tables.setdefault(run_index, {})[name.removesuffix(".parquet")] = columns_of(
-                    open_table(archive.read(entry)).read()
-                )
-            else:
-                files.setdefault(run_index, {})[name] = archive.read(entry)
+    for (run_index, kind, name), written in unpacked(io.BytesIO(content)):
+        if kind == "tables":
+            tables.setdefault(run_index, {})[name.removesuffix(".parquet")] = columns_of(open_table(written).read())
+        else:
+            files.setdefault(run_index, {})[name] = written
     return {run: Outputs(tables.get(run, {}), files.get(run, {})) for run in sorted({*tables, *files})}
 
 

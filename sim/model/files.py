@@ -114,6 +114,13 @@ def read_bytes(path: str | Path, kind: str = "a file", most_bytes: int = MOST_BY
     return content
 
 
+def copy_file(source: str | Path, target: Path, kind: str = "a file") -> None:
+    """Copy a regular file's content into a folder that may be new; raises as `open_file` does."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with open_file(source, kind) as file, open(target, "wb") as copied:
+        shutil.copyfileobj(file, copied)
+
+
 def is_file(path: str | Path) -> bool:
     """True if the path is a regular file; False for a name that no file can have."""
     try:

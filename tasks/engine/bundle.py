@@ -22,7 +22,7 @@ import platformdirs
 
 from vastflow.sim.model.digest import FileContent, digest
 from vastflow.sim.model.faults import FileError, ScenarioError
-from vastflow.sim.model.files import Unreadable, read_text, yaml_value
+from vastflow.sim.model.files import Unreadable, open_file, read_text, yaml_value
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot
 from vastflow.sim.scenario.language.reading import files_of
 from vastflow.tasks.store.store import WRITING_S, Lost, Store, StoreError
@@ -97,9 +97,10 @@ class Packer:
     def _put(self, path: Path, copy: Path) -> SentFile:
         if path not in self._sent:
             try:
-                content, mode = copy.read_bytes(), copy.stat().st_mode
-            except OSError as error:
-                raise ScenarioError(f"{path} can't be read ({error.strerror}); workers elsewhere need it") from None
+                with open_file(copy) as file:
+                    content, mode = file.read(), os.fstat(file.fileno()).st_mode
+            except (OSError, Unreadable) as error:
+                raise ScenarioError(f"{path}: {error}; workers elsewhere need it") from None
             self._sent[path] = SentFile(str(path), self.put(content), bool(mode & 0o100))
         return self._sent[path]
 

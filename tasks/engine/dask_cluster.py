@@ -6,7 +6,6 @@ Results are in the store; what comes back is small. Producers are evaluated on t
 
 import functools
 import hashlib
-import json
 import logging
 import os
 import pickle
@@ -25,6 +24,7 @@ from urllib.request import urlopen
 
 from distributed.security import Security
 
+from vastflow.sim.model.files import Unreadable, read_json
 from vastflow.tasks.engine import dask_worker
 from vastflow.tasks.engine.bundle import Bundle, Packer
 from vastflow.tasks.engine.dask_client import call_workers, pickled_error, plain_client
@@ -282,7 +282,10 @@ class DaskCluster:
     def _scheduler(self) -> str:
         if not self._address.startswith(LOCAL):
             file = Path(self._address)
-            return str(json.loads(file.read_text())["address"]) if file.is_file() else self._address
+            try:
+                return str(read_json(file)["address"]) if file.is_file() else self._address
+            except (Unreadable, LookupError, TypeError):
+                raise ClusterError(f"--cluster: expected a file that a scheduler of Dask wrote, got {file}") from None
         if self._server is None:
             number = int(self._address.removeprefix(LOCAL))
             script = f"from {dask_worker.__name__} import serve; serve({number})"

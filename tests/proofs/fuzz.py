@@ -2,8 +2,8 @@
 
 Files are mutated by bytes, lines, tokens, and trees, tables by columns, or replaced by attacks: deep, large, growing by aliases, a pipe,
 a device, a link in a circle. Each mutant is read in a process that reads many and is watched from outside. A command's exit code is 0 or
-1, or 2 with the place named on stderr. An explorer replies to all addresses of a mutant without a failure, and goes on listing and
-opening the campaign beside it. Whoever raises, ends by a signal, computes for more than 10 s, allocates more than 2 GB, or does not
+1, or 2 with the place named on stderr. An explorer replies to the list and three addresses of a mutant, drawn by its number, without
+a failure, and goes on listing and opening the campaign beside it. Whoever raises, ends by a signal, computes for more than 10 s, allocates more than 2 GB, or does not
 answer is a violation.
 
 A mutant follows from the seed, its kind and its number, so `--kind "campaign file" --first 4711 --mutants 1` is that one again.

@@ -18,7 +18,7 @@ import yaml
 
 from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.model.files import Unreadable, read_text, yaml_value
+from vastflow.sim.model.files import Unreadable, copy_file, read_text, yaml_value
 from vastflow.sim.model.scenario import RunFiles
 from vastflow.sim.world.map_file import load_map
 
@@ -137,11 +137,11 @@ def copy_in(files: RunFiles, folder: Path) -> None:
     """Copy `files`, with their executable bits, below `folder`; ScenarioError for a missing or changed one."""
     for path, content in files:
         target = folder / path
-        target.parent.mkdir(parents=True, exist_ok=True)
         try:
-            shutil.copy2(content.path, target)
-        except OSError as error:
-            raise ScenarioError(f"run file {content.path!r} can't be copied: {error.strerror}") from None
+            copy_file(content.path, target)
+            shutil.copystat(content.path, target)
+        except (OSError, Unreadable) as error:
+            raise ScenarioError(f"run file {content.path!r} can't be copied: {error}") from None
         if file_digest(target) != content.digest:
             raise ScenarioError(f"run file {content.path!r} changed since the campaign was read; run it again")
         target.chmod(target.stat().st_mode | 0o200)
@@ -180,15 +180,14 @@ def hand_over(handed: Mapping[str, FileContent], folder: Path) -> None:
     """
     for key, content in handed.items():
         source, target = Path(content.path), folder / handed_name(key, content)
-        target.parent.mkdir(parents=True, exist_ok=True)
         try:
             header = _map_header(source)
             if header is None:
-                shutil.copyfile(source, target)
+                copy_file(source, target)
                 continue
             picture = source.parent / header["image"]
             copied = target.with_suffix(picture.suffix)
-            shutil.copyfile(picture, copied)
+            copy_file(picture, copied)
             target.write_text(yaml.safe_dump({**header, "image": copied.name}), encoding="utf-8")
             is_same = load_map(target).digest == content.digest
         except (OSError, ValueError) as error:

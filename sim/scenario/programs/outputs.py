@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from vastflow.sim.model.archive import read_foreign_table
+from vastflow.sim.model.files import Unreadable, read_bytes
 from vastflow.sim.model.recording import Columns, LeftOut, Outputs
 
 MAX_FILE_BYTES: Final = 16 * 2**20
@@ -48,8 +49,8 @@ def read_outputs(folder: Path, before: Mapping[str, Stamp]) -> Outputs:
             size = target.stat().st_size
             try:
                 why = kept.refusal(name, target, size)
-            except OSError as error:
-                why = f"it can't be read: {error.strerror}"
+            except Unreadable as error:
+                why = str(error)
         if why:
             left_out.append(LeftOut(name, size, why))
     unlisted = len(left_out) - MAX_LISTED
@@ -73,7 +74,7 @@ class _Kept:
                 return _too_large(size, MAX_TABLE_BYTES, MAX_TABLES_BYTES)
             stem = name.rpartition(".")[0]
             try:
-                columns, notes = read_foreign_table(name, path.read_bytes())
+                columns, notes = read_foreign_table(name, read_bytes(path))
             except ValueError as fault:
                 self.notes.append(f"{name}: {fault}")
             else:
@@ -83,7 +84,7 @@ class _Kept:
                 return ""
         if size > MAX_FILE_BYTES or self._files_bytes + size > MAX_RUN_BYTES:
             return _too_large(size, MAX_FILE_BYTES, MAX_RUN_BYTES)
-        self.files[name] = path.read_bytes()
+        self.files[name] = read_bytes(path)
         self._files_bytes += size
         return ""
 

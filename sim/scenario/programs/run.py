@@ -19,6 +19,7 @@ import psutil
 
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.files import read_bytes
 from vastflow.sim.model.recording import LogText, Outputs, Use
 from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.scenario.programs import guard
@@ -275,7 +276,7 @@ class ProcessRun:
             raise ScenarioError(f"pre_command {name!r} {group.with_last_line(failure)}")
         if not result.exists():
             raise ScenarioError(f"pre_command {name!r} left the shell that sources it; it must not call exit")
-        entries = [os.fsdecode(entry).partition("=") for entry in result.read_bytes().split(b"\0") if entry]
+        entries = [os.fsdecode(entry).partition("=") for entry in read_bytes(result).split(b"\0") if entry]
         result.unlink()
         return {name: value for name, _, value in entries if name not in _NOT_TAKEN}
 

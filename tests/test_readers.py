@@ -1,0 +1,127 @@
+"""Every reader of files that others may have written goes through `sim/model/files.py`."""
+
+import ast
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).parents[1]
+PRODUCT: Final = ("flows", "tasks", "producers", "sim", "oracles", "deployments")
+READERS: Final = frozenset(
+    {
+        *(
+            "open",
+            "read_text",
+            "read_bytes",
+            "copyfile",
+            "copy",
+            "copy2",
+            "copytree",
+            "ZipFile",
+            "ParquetFile",
+            "read_table",
+        ),
+        *("safe_load", "safe_load_all", "load", "loadtxt", "genfromtxt", "fromfile", "memory_map"),
+    }
+)
+"""Names of functions that open a path or decode content without limits."""
+BOUND: Final = frozenset({"copy", "load", "open", "read_table"})
+"""Those that mean something else as methods of values: they count behind the name of a module or a path alone."""
+MODULES: Final = frozenset({"shutil", "json", "np", "pickle", "yaml", "pq", "os", "io", "Image", "tarfile", "gzip"})
+
+ALLOWED: Final[dict[str, tuple[int, str]]] = {
+    "flows/cli/init.py": (3, "files of the installation"),
+    "flows/postprocessing/plug_in.py": (1, "the request of the parent process"),
+    "flows/postprocessing/postprocess.py": (1, "the answer of a child process in a temporary folder"),
+    "flows/results/address.py": (2, "metadata that was just written"),
+    "flows/results/trust.py": (1, "a record that is written"),
+    "flows/run/reporting.py": (1, "this process' log"),
+    "flows/minimization/minimize.py": (1, "a picture that was just drawn"),
+    "deployments/explorer/comparison_page.py": (1, "a picture that was just drawn"),
+    "oracles/page/film.py": (1, "a film that was just drawn"),
+    "oracles/page/report.py": (3, "files of the installation"),
+    "sim/kernels/numba_target.py": (1, "the user's cache of kernels"),
+    "sim/kernels/numeric.py": (2, "files of the installation"),
+    "sim/model/files.py": (3, "the mechanism"),
+    "sim/model/parquet.py": (4, "the mechanism's part for tables"),
+    "sim/model/archive.py": (1, "the mechanism's part for archives"),
+    "sim/plug_ins/snapshot.py": (1, "copies in the user's cache, compared with their digests"),
+    "sim/scenario/language/declaring.py": (1, "files of the installation"),
+    "sim/scenario/language/grammar.py": (1, "files of the installation"),
+    "sim/scenario/programs/folders.py": (3, "copies that were just made, and namespaces in /proc"),
+    "sim/scenario/programs/guard.py": (1, "/proc"),
+    "sim/scenario/programs/process.py": (2, "logs that were just opened for writing"),
+    "tasks/engine/dask_client.py": (1, "a stream"),
+    "tasks/engine/dask_worker.py": (1, "the parent process"),
+    "tasks/keys/code_digest.py": (2, "files of the installation, and the user's cache with its digest"),
+    "tasks/keys/keys.py": (1, "/proc/cpuinfo"),
+    "tasks/keys/source.py": (1, "files of the installation, and copies of plug-ins"),
+    "tasks/prefect/container_keys.py": (1, "a scalar of a file within the limits"),
+    "tasks/prefect/manifests.py": (2, "files of the installation"),
+    "tasks/store/folder_files.py": (1, "the store's own opener: no pipes, no waiting"),
+    "tasks/store/remote_files.py": (1, "the user's cache of manifests"),
+    "tasks/store/source_files.py": (1, "files of the installation"),
+}
+"""Modules to how many direct readers they have, and why."""
+
+
+def test_product_reads_files_of_others_through_one_opener() -> None:
+    found = {
+        path.relative_to(ROOT).as_posix(): calls
+        for folder in PRODUCT
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        if (calls := direct_readers(path.read_text(encoding="utf-8")))
+    }
+    assert {module: len(calls) for module, calls in found.items()} == {
+        module: count for module, (count, _) in ALLOWED.items()
+    }, found
+
+
+def test_direct_readers_are_found_by_module_path_and_name() -> None:
+    text = """
+from pathlib import Path
+from vastflow.sim.model.files import read_bytes, read_text
+content = read_bytes(path), read_text(path), snapshot.load(key), values.copy()
+open(path, "wb"), Path(path).open("ab"), os.open(path, os.O_WRONLY | os.O_CREAT)
+"""
+    assert direct_readers(text) == []
+    for call in (
+        "open(path)",
+        "path.read_bytes()",
+        "(a / b).open()",
+        "json.load(file)",
+        "shutil.copytree(a, b)",
+        "pq.read_table(a)",
+    ):
+        assert direct_readers(text + call) == [call]
+
+
+def direct_readers(text: str) -> list[str]:
+    """Return calls that open a path by themselves, but for writing."""
+    calls = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
+    return [ast.unparse(call) for call in calls if _reads(call.func) and not _writes(call)]
+
+
+def _reads(function: ast.expr) -> bool:
+    if isinstance(function, ast.Name):  # others are imported from the mechanism, which the import layers hold
+        return function.id in {"open", "ZipFile", "ParquetFile", "copyfile", "copytree"}
+    if (
+        not isinstance(function, ast.Attribute)
+        or function.attr not in READERS
+        or ast.unparse(function.value) == "files"
+    ):
+        return False
+    owner = function.value
+    if function.attr in BOUND:
+        is_path = function.attr == "open" and (
+            isinstance(owner, ast.BinOp) or ast.unparse(owner).endswith(("path", "Path(path)"))
+        )
+        return is_path or ast.unparse(owner) in MODULES
+    return True
+
+
+def _writes(call: ast.Call) -> bool:
+    given = [*call.args, *(keyword.value for keyword in call.keywords)]
+    modes = {str(each.value) for each in given if isinstance(each, ast.Constant)}
+    return not modes.isdisjoint(("wb", "ab", "w", "a", "wb+", "xb")) or any(
+        "O_WRONLY" in ast.unparse(each) for each in given
+    )
