@@ -29,7 +29,9 @@ from synthetic import walled_room, write_map
 from typer.testing import CliRunner
 from whole_directory import ConfigurationResult, write_results
 
+from vastflow.deployments.explorer import server
 from vastflow.deployments.explorer.directories import Directories
+from vastflow.deployments.explorer.pages import Pages
 from vastflow.deployments.explorer.run_page import KeptLayers
 from vastflow.flows.cli.__main__ import app
 from vastflow.flows.request.campaign_file import read_campaign
@@ -262,7 +264,12 @@ class DirectoryKind:
     def _damage(self, path: Path, rng: random.Random) -> None:
         files = [file for file in sorted(path.rglob("*")) if file.is_file()]
         tables = [file for file in files if file.suffix == ".parquet"]
-        for _ in range(rng.choice((1, 1, 1, 2))):
+        for k in range(rng.choice((1, 1, 1, 2))):
+            if k:
+                files = [file for file in files if file.is_file() and not file.is_symlink()]
+                tables = [file for file in tables if file in files and is_table(file)]
+                if not tables or path / "metadata.json" not in files or not is_json(path / "metadata.json"):
+                    return
             what = rng.random()
             if what < 0.1:
                 of_another_kind(rng.choice([*files, *{file.parent for file in files} - {path}]), rng.choice(KINDS))
@@ -274,10 +281,6 @@ class DirectoryKind:
                 file = rng.choice(files)
                 changes = (bytes_changed, lines_changed, json_tree) if file.suffix == ".json" else (bytes_changed,)
                 file.write_bytes(_mutated(file.read_bytes(), changes, rng))
-            files = [file for file in files if file.is_file() and not file.is_symlink()]
-            tables = [file for file in tables if file in files and is_table(file)]
-            if not tables or path / "metadata.json" not in files or not is_json(path / "metadata.json"):
-                return
 
 
 @dataclass(frozen=True)
@@ -371,8 +374,9 @@ class Explorer:
 
     def read(self, path: Path, rng: random.Random) -> str:
         """Ask for the list, some pages of the damaged directory, and those of its neighbor."""
-        # `prepare` starts a process to execute runs in; a client that is entered has one event loop for all requests.
-        with patch.object(KeptLayers, "prepare"), explorer_of(*self.roots) as client:
+        # `prepare` starts a process to execute runs in; explorers share templates; a client that is entered has one event loop.
+        shared = patch.object(server, "Pages", lambda: PAGES)
+        with patch.object(KeptLayers, "prepare"), shared, explorer_of(*self.roots) as client:
             return self._read(client, path, rng)
 
     def _read(self, client: TestClient, path: Path, rng: random.Random) -> str:
@@ -401,6 +405,7 @@ class Explorer:
         return "refused" if max(codes) >= 400 else "accepted"
 
 
+PAGES: Final = Pages()
 HERE: Final = object()
 """Stands for the directory in a command."""
 ASKED: Final = 3
