@@ -168,7 +168,7 @@ def _write_cluster(
     operator: bool,
 ) -> None:
     """Write a campaign with a Dask cluster as a folder for `kubectl apply -k`."""
-    from vastflow.tasks.prefect.kustomization import SCHEDULER, SECRET_FILE, cluster_files
+    from vastflow.tasks.prefect.kustomization import LONGEST_NAME, SECRET_FILE, cluster_files, scheduler_address
     from vastflow.tasks.store.store import is_address
 
     store, results = asked["store"], asked["results"]
@@ -178,7 +178,9 @@ def _write_cluster(
         raise UserError(f"--cluster: --kubernetes makes a cluster, got {asked['cluster']!r}")
     kind = PoolType.kubernetes
     map_dir = None if asked["map_dir"] is None else _place(asked["map_dir"], kind)
-    own = {"cluster": SCHEDULER, "results": results or f"{store.rstrip('/')}-results", "map_dir": map_dir, "workers": 1}
+    description = replace(description, name=description.name[:LONGEST_NAME].rstrip("-"))
+    results = results or f"{store.rstrip('/')}-results"
+    own = {"cluster": scheduler_address(description.name), "results": results, "map_dir": map_dir, "workers": 1}
     request = asked_request(Path(_place(file, kind)), {**asked, **own}).public()
     command = ["vastflow", "run", *command_line(request)]
     made = cluster_files(description, command, asked["workers"] or WORKERS, image, queue, operator=operator)
@@ -187,9 +189,11 @@ def _write_cluster(
         if name != SECRET_FILE or not (folder / name).exists():  # credentials are the user's
             (folder / name).write_text(content, encoding="utf-8")
     (folder / SECRET_FILE).chmod(0o600)
-    print(f"wrote {folder}; fill in {folder / SECRET_FILE}, then: kubectl apply -k {folder}")
-    print(f"if Kueue is installed, first: kubectl apply -f {folder / 'namespace.yaml'} -f {folder / 'queues.yaml'}")
-    print(f"follow it: kubectl -n {NAME} logs -f job/{description.name}")
+    print(f"wrote {folder}; fill in {folder / SECRET_FILE}")
+    print(f"once: kubectl apply -f {folder / 'namespace.yaml'}, and with Kueue also -f {folder / 'queues.yaml'}")
+    print(f"then: kubectl apply -k {folder}")
+    followed = f"{description.name}-runner" if operator else f"job/{description.name} -c campaign"
+    print(f"follow it: kubectl -n {NAME} logs -f {followed}")
 
 
 def _place(file: Path, kind: PoolType) -> str:

@@ -113,6 +113,8 @@ class Nodes(Section):
 
     node_labels: FreeForm = Field(default_factory=dict)
     """Labels that a node must have, `label: value`."""
+    tolerations: list[dict[str, str | int]] = Field(default_factory=list)
+    """Tolerations of tainted nodes, as in a pod of Kubernetes. Not part of version 1 elsewhere."""
 
 
 class Kubernetes(Section):

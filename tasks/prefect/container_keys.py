@@ -50,6 +50,7 @@ def describe(campaign: Campaign, name: str, context: str | None = None) -> RunDe
         # Version 1 has seconds of the host here, for one run; in our simulator they are simulated ones.
         deadline_s=math.ceil(execution.timeout * execution.runs_per_job) if execution.timeout else None,
         node_labels=dict(reader.node_labels()),
+        tolerations=tuple(jobs.tolerations) if (jobs := execution.kubernetes and execution.kubernetes.jobs) else (),
     )
     if reader.faults:
         raise FileError(reader.faults)

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -115,6 +115,7 @@ class RunDescription:
         user: User id in the containers.
         deadline_s: Seconds of the host after which everything is stopped; None for never.
         node_labels: Labels that a cluster's node must have.
+        tolerations: Tolerations of tainted nodes, as a pod has them.
     """
 
     name: str
@@ -129,6 +130,7 @@ class RunDescription:
     user: int = 1000
     deadline_s: int | None = None
     node_labels: Mapping[str, str] = field(default_factory=dict)
+    tolerations: Sequence[Mapping[str, str | int]] = ()
 
     def environment_of(self, container: Container) -> dict[str, str]:
         """Return the container's variables, which name the scripts to the main one."""

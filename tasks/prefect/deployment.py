@@ -126,6 +126,7 @@ def job_variables(kind: PoolType, description: RunDescription, image: str, queue
         "queue": queue,
         **needs.quantities,
         "node_selector": dict(description.node_labels),
+        "tolerations": list(description.tolerations),
         "files": config_map_name(description) if description.files else "",
         "file_items": config_map_items(description),
         "sidecars": [_sidecar(container, description.user) for container in sidecars],
