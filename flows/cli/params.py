@@ -50,9 +50,11 @@ def params(
 def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[str, int]) -> Mapping[str, Any]:
     from vastflow.sim.nav2.parameter_files.document import dotted
     from vastflow.sim.nav2.parameter_files.findings import command_chain, left_out, omitted, refusals
+    from vastflow.sim.nav2.parameter_files.releases import changes_since_jazzy, release_of
+    from vastflow.sim.nav2.parameter_files.robots import namespace_text
     from vastflow.sim.reading.robot import lidar_of, robot_facts, robot_of
 
-    parameters = []
+    parameters, kinds = [], {*found.reader.kinds.values()}
     for row in rows:
         place = {"path": dotted(row.path), "line": row.place[0], "column": row.place[1]}
         # JSON has no infinity, which a parameter that is not modeled may be
@@ -60,6 +62,8 @@ def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping
         parameters.append({**place, "value": value, "status": row.status, "used": row.used, "why": row.why})
     return {
         "file": found.document.file,
+        "robot_namespace": namespace_text(found.document.robot),
+        "other_robots": [*dict.fromkeys(map(namespace_text, found.document.others.values()))],
         "counts": counts,
         "parameters": parameters,
         "robot": asdict(robot_of(found.parameters)),
@@ -73,6 +77,8 @@ def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping
         ],
         "refused": [str(fault) for fault in refusals(found)],
         "warnings": {dotted(path): list(said) for path, said in found.reader.warnings.items()},
+        "nav2_release": release_of(found.document),
+        "release_differences": [change._asdict() for change in changes_since_jazzy(found.document, kinds)],
         "command_chain": command_chain(found),
         "nodes_of_jazzy": found.replaced,
         "nodes_of_code": found.absent,
@@ -85,6 +91,7 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
     from vastflow.producers.campaign_file.nav2_parameters import short
     from vastflow.producers.model.faults import shown
     from vastflow.sim.nav2.parameter_files.findings import command_chain, left_out, omitted, refusals
+    from vastflow.sim.nav2.parameter_files.releases import changes_since_jazzy, guessed_release
     from vastflow.sim.reading.robot import robot_facts, robot_words
 
     lines = []
@@ -130,5 +137,9 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
         print(f"not in the file, as in Nav2's code: {', '.join(found.absent)}")
     if found.left_away:
         print(f"not in the file and not simulated: {', '.join(found.left_away)}")
+    release, name = guessed_release(found.document)
+    print(f"release: Nav2 {release.title()}, {f'the first with {name!r}' if name else 'as nothing in it is newer'}")
+    for change in changes_since_jazzy(found.document, {*found.reader.kinds.values()}):
+        print(f"differs: since {change.since.title()} {change.words} ({change.source}); {change.here} here")
     print(f"commands: {command_chain(found)}")
     print(*robot_words(robot_facts(found.parameters)), sep="\n")

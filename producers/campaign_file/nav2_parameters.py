@@ -1,7 +1,7 @@
 """The user's Nav2 parameter file of `execution.nav2_params`: content, faults, and unmodeled parameters."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -16,6 +16,7 @@ from vastflow.sim.nav2.parameter_files.controller_server import critics_of
 from vastflow.sim.nav2.parameter_files.findings import Finding, defaults_row, findings, omitted, refusals, slips
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, file_value, frozen, read_nav2_document
+from vastflow.sim.nav2.parameter_files.releases import RELEASE_KEY, RELEASES, changes_since_jazzy
 
 WHERE: Final[Location] = ("execution", FILE_KEY)
 
@@ -32,14 +33,18 @@ class Nav2Params:
 
 def nav2_params_of(document: Document, base: Path) -> Nav2Params:
     """Read the Nav2 parameter file of a campaign file, which is relative to `base`."""
+    release = document.value(("execution", RELEASE_KEY))
     if not isinstance(name := document.value(WHERE), str):
-        return Nav2Params({})
+        said = document.fault(("execution", RELEASE_KEY), "got a release without a file", f"{FILE_KEY} beside it")
+        return Nav2Params({}, (said,) if release else ())
     path = base / name
     if not is_file(path):
         what = f"got {shown(name)}, and there is no such file"
         return Nav2Params({}, (document.fault(WHERE, what, "a Nav2 parameter file"),))
     try:
-        found = interpretation(frozen(read_nav2_document(path)))
+        whole = frozen(read_nav2_document(path))
+        own: dict[str, Value] = {RELEASE_KEY: release} if release in RELEASES else {}
+        found = interpretation(replace(whole, values={**whole.values, **{(key,): said for key, said in own.items()}}))
     except FileError as error:
         return Nav2Params({}, error.faults)
     file = found.document.file
@@ -48,7 +53,7 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
         for each, near in slips(found)
     )
     faults = (*faults, *refusals(found))
-    return Nav2Params({FILE_KEY: file_value(found.document)}, faults, tuple(notes_of(found)), defaults_row(found))
+    return Nav2Params({FILE_KEY: file_value(whole), **own}, faults, tuple(notes_of(found)), defaults_row(found))
 
 
 def notes_of(found: Interpretation) -> Iterator[Fault]:
@@ -84,6 +89,9 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
                 f"{shown(other)} is built in",
                 "not modeled",
             )
+    for change in changes_since_jazzy(document, {*found.reader.kinds.values()}):
+        where = next(path for path, kind in found.reader.kinds.items() if kind.endswith(change.kind))
+        yield note(where, f"since {change.since.title()} {change.words}", f"{change.here} here", "not modeled")
     for path, held in found.reader.held.items():
         if path in document.values:
             what = f"got {shown(document.values[path])}, which is no whole number of ticks of 50 ms"

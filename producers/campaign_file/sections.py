@@ -270,6 +270,8 @@ class OdometrySpec(Section):
 class RobotSpec(Section):
     """The robot that drives; defaults follow from the Nav2 parameters or a TurtleBot 4, as the report states."""
 
+    namespace: Annotated[Any, WithJsonSchema({"type": ["string", "null"]})] = None
+    """Namespace of the robot in a Nav2 parameter file of several; default: the first."""
     radius: Quantity = None
     """Radius of a round body (m); without a body, the local costmap's footprint collides with walls."""
     polygon: Annotated[Any, WithJsonSchema({"type": ["array", "string", "null"]})] = None

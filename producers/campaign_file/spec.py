@@ -27,6 +27,7 @@ from vastflow.producers.model.numbers import Amount, Count, Positive, Seed
 from vastflow.producers.model.producer import find_producer, known_producers
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import Dimension
+from vastflow.sim.nav2.parameter_files.releases import Release
 
 DEFAULT_TIMEOUT_S: Final = 360.0
 """Simulated time after which a run ends where the file says nothing: the timeout of the paper's scenario file."""
@@ -149,6 +150,8 @@ class ExecutionSpec(Section):
     nav2_params: str | None = None
     """Nav2 parameter file; the parameters of Nav2 Jazzy's default file where nothing is given. Not part of version 1
     elsewhere."""
+    nav2_release: Release | None = None
+    """Release of Nav2 that the file is for; guessed from its parameters where nothing is given. Not part of version 1 elsewhere."""
     simulation: Annotated[
         Annotated[str, Field(pattern=r"^[\w.]+:\w+$")] | None, Unexecuted("the simulator in this package is used")
     ] = None

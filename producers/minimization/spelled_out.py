@@ -17,7 +17,9 @@ from vastflow.sim.nav2.parameter_files.document import PARAMETERS, dotted
 from vastflow.sim.nav2.parameter_files.interpretation import document_of
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, read_nav2_document
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, short_name
+from vastflow.sim.nav2.parameter_files.robots import of_robot
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
+from vastflow.sim.nav2.parameters.robot import NAMESPACE_KEY
 from vastflow.sim.plug_ins.snapshot import PlugInFile
 
 _MONITOR: Final = "collision_monitor.FootprintApproach.enabled"
@@ -34,10 +36,12 @@ def spelled_out(system: Mapping[str, Value]) -> Mapping[str, Value]:
     content = system.get(FILE_KEY)
     if not isinstance(content, FileContent) or isinstance(content, PlugInFile):
         return system
-    rest = {key: value for key, value in system.items() if key != FILE_KEY}
+    rest = {key: value for key, value in system.items() if key not in (FILE_KEY, NAMESPACE_KEY)}
     try:
         meant = parameters_of(system)
-        of_file = parameters_of({key: system[key] for key in (FILE_KEY, CONTROLLER_KEY) if key in system})
+        of_file = parameters_of(
+            {key: system[key] for key in (FILE_KEY, NAMESPACE_KEY, CONTROLLER_KEY) if key in system}
+        )
         kind, default = type(of_file.controller), default_document().values
         chosen: dict[str, Value] = (
             {} if kind is MppiParameters else {CONTROLLER_KEY: short_name(CONTROLLER_PLUG_INS.name_of(kind))}
@@ -64,7 +68,7 @@ def assumed_keys(system: Mapping[str, Value]) -> frozenset[str]:
     content = system.get(FILE_KEY)
     if not isinstance(content, FileContent):
         return frozenset()
-    given = read_nav2_document(content.path).values
+    given = of_robot(read_nav2_document(content.path), system.get(NAMESPACE_KEY)).values
     return frozenset(
         key for key in spelled_out(system) if key not in system and given.keys().isdisjoint(targets(given, key))
     )

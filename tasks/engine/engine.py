@@ -15,6 +15,7 @@ from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.nav2.parameters.robot import NAMESPACE_KEY
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import PackedProducer
 from vastflow.tasks.engine.executor import ClusterError, Executor, PoolClosed, Priority, Shared, WorkerDied
@@ -31,7 +32,7 @@ def controllers_in(systems: Iterable[Mapping[str, Value]]) -> list[dict[str, Val
     """Return the part of system dimensions that chooses a controller, once for each controller that can be read."""
     found: dict[type, dict[str, Value]] = {}
     for system in systems:
-        choice = {key: system[key] for key in (FILE_KEY, CONTROLLER_KEY) if key in system}
+        choice = {key: system[key] for key in (FILE_KEY, NAMESPACE_KEY, CONTROLLER_KEY) if key in system}
         try:
             found.setdefault(type(parameters_of(choice).controller), choice)
         except FileError:

@@ -58,7 +58,10 @@ def evaluation_keys(
 
 
 def content_of(value: object) -> Value:
-    """Return a parameter model or any value in it by content: files by digest, producers by name and parameters."""
+    """Return a parameter model or any value in it by content: files by digest, producers by name and parameters.
+
+    A mapping whose keys are not sorted is a list of its items, as the order may count for a plug-in.
+    """
     if value is None or isinstance(value, bool | int | float | str | FileContent):
         return value
     if isinstance(value, Producer):
@@ -68,7 +71,8 @@ def content_of(value: object) -> Value:
     if dataclasses.is_dataclass(value):
         return {field.name: content_of(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
-        return {str(key): content_of(item) for key, item in value.items()}
+        items = {str(key): content_of(item) for key, item in value.items()}
+        return items if list(items) == sorted(items) else [{key: item} for key, item in items.items()]
     if isinstance(value, Sequence):
         return [content_of(item) for item in value]
     return content_of(to_jsonable_python(value))

@@ -6,6 +6,7 @@ from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.plug_in import ContractError
+from vastflow.sim.kernels.record import record_of
 from vastflow.sim.model.faults import FileError, ScenarioError
 from vastflow.sim.nav2.controllers.binding import running
 from vastflow.sim.nav2.controllers.controller import Setting
@@ -109,18 +110,37 @@ def test_keepout_mask_raises_costs_and_unknown_cells_where_its_yaml_says():
 
 
 @njit
-def window_kept_out(window, mask, map_odom):
-    keep_out_of_window(window, mask, map_odom)
+def window_kept_out(window, mask, map_odom, q, x, y):
+    keep_out_of_window(window, mask, map_odom, q, x, y)
 
 
 def test_local_mask_follows_localization():
     window = Window(np.zeros((20, 20), dtype=np.uint8), np.array([-0.5, -0.5, 0.05]))
     zone = mask([[100]], 0.2, (2.0, 3.0))
     # The odom frame's origin is at (2.1, 2.6), turned by a quarter: what is 0.5 m ahead there is 0.5 m up on the map.
-    window_kept_out(window, keepout_mask(zone, floor()), (2.1, 2.6, np.pi / 2))
+    q = record_of(KeepoutFilter())[0]
+    window_kept_out(window, keepout_mask(zone, floor()), (2.1, 2.6, np.pi / 2), q, 2.1, 2.6)
     rows, columns = np.nonzero(window.costs == 254)
     x, y = -0.5 + (columns + 0.5) * 0.05, -0.5 + (rows + 0.5) * 0.05
     assert (x.min(), x.max(), y.min(), y.max()) == pytest.approx((0.425, 0.475, -0.075, 0.075))
+
+
+@each_row(
+    ("q", "x_m", "cost"),
+    [
+        (KeepoutFilter(), 2.1, 254),
+        (KeepoutFilter(override_lethal_cost=True), 2.1, 252),
+        (KeepoutFilter(override_lethal_cost=True, lethal_override_cost=200), 2.1, 200),
+        (KeepoutFilter(override_lethal_cost=True, lethal_override_cost=255), 2.1, 252),
+        (KeepoutFilter(override_lethal_cost=True), 2.3, 254),  # on the mask's free cell
+        (KeepoutFilter(override_lethal_cost=True), 9.0, 254),  # beside the mask
+    ],
+)
+def test_lethal_cells_cost_less_while_the_robot_is_on_one(q, x_m, cost):
+    window = Window(np.full((20, 20), 10, dtype=np.uint8), np.array([2.0, 3.0, 0.05]))
+    zone = keepout_mask(mask([[100, 0]], 0.2, (2.0, 3.0)), floor())
+    window_kept_out(window, zone, (0.0, 0.0, 0.0), record_of(q)[0], x_m, 3.1)
+    assert sorted({*window.costs.flat}) == [10, cost]
 
 
 @njit
@@ -176,6 +196,14 @@ def test_robot_with_a_keepout_filter_drives_ten_meters_round_an_area(over_a_floo
     x_mm, y_mm = ([each.columns[name] for each in found] for name in ("x_mm", "y_mm"))
     within = [np.any((np.abs(x_mm[k] - 6000) < 1000) & (np.abs(y_mm[k] - 2000) < 600)) for k in (0, 1)]
     assert within == [False, True]
+
+
+def test_robot_leaves_the_zone_that_it_starts_in_by_the_override(over_a_floor):
+    values = np.zeros((80, 280))
+    values[20:60, :60] = 100  # up to x = 3 m
+    own = KeepoutFilter(override_lethal_cost=True)
+    stack = with_filters(parameters_of({}), "local_costmap", "global_costmap", keepout_filter=own)
+    assert over_a_floor(stack, masks=(mask(values),)).run.outcome == "succeeded"
 
 
 @each_row("controller", ["mppi", "dwb", "rpp"])

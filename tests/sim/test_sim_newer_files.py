@@ -1,16 +1,23 @@
 """Valid Nav2 parameter files of other releases and forms: launch words, filters among the layers, special values."""
 
+from dataclasses import replace
+
 import pytest
 from table import each_row
 
+from vastflow.producers.campaign_file.document import read_document as read_campaign
+from vastflow.producers.campaign_file.nav2_parameters import nav2_params_of
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import parse
 from vastflow.sim.nav2.parameter_files.findings import findings, refusals
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.nav2.parameter_files.releases import release_of
 
 INFLATION = "inflation_layer: {plugin: 'nav2_costmap_2d::InflationLayer'}"
+GOAL = "general_goal_checker: {plugin: 'nav2_controller::SimpleGoalChecker'"
+GOALS = "goal_checker_plugins: [general_goal_checker]"
 KEEPOUT = "plugin: 'nav2_costmap_2d::KeepoutFilter', filter_info_topic: info"
 
 
@@ -33,9 +40,12 @@ def test_launch_word_is_on_where_the_campaign_names_a_mask(tmp_path):
     assert (statuses["enabled"], statuses["override_lethal_cost"]) == ("modeled", "no effect")
 
 
-def test_lethal_override_of_a_filter_that_is_on_differs():
-    found = read(costmap(f"filters: [k], k: {{{KEEPOUT}, override_lethal_cost: true}}"))
-    assert [each.path[-1] for each in findings(found) if each.status == "differs"] == ["override_lethal_cost"]
+def test_lethal_override_of_a_filter_is_read():
+    own = f"{KEEPOUT}, override_lethal_cost: true, lethal_override_cost: 200"
+    found = read(costmap(f"filters: [k], k: {{{own}}}"))
+    q = found.parameters.global_costmap.keepout_filter
+    assert (q.override_lethal_cost, q.lethal_override_cost) == (True, 200)
+    assert {each.status for each in findings(found)} <= {"modeled", "no effect"}
 
 
 def test_filter_in_the_list_of_layers_is_read():
@@ -80,3 +90,90 @@ def test_tolerances_below_zero_stay_refused_otherwise():
 def test_launch_word_does_not_end_a_node():
     assert [*refusals(read(costmap(f"filters: [k], k: {{{KEEPOUT}, enabled: KEEPOUT_ZONE_ENABLED}}")))] == []
     assert len([*refusals(read(costmap("always_send_full_costmap: 'yes'")))]) == 1
+
+
+RPP = "FollowPath: {plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'"
+MPPI = "FollowPath: {plugin: 'nav2_mppi_controller::MPPIController', critics: [GoalCritic]"
+
+
+def server(text):
+    return f"controller_server: {{ros__parameters: {{controller_plugins: [FollowPath], {text}}}}}"
+
+
+@each_row(
+    ("text", "release"),
+    [
+        (server(RPP + "}"), "jazzy"),
+        (server(RPP + ", min_distance_to_obstacle: 0.4}"), "kilted"),
+        (costmap(f"filters: [k], k: {{{KEEPOUT}, enabled: KEEPOUT_ZONE_ENABLED}}"), "kilted"),
+        (server(RPP + ", max_linear_vel: 0.3}"), "lyrical"),
+        (server(MPPI + ", model_delay_vx: 0.1}"), "lyrical"),
+        # Other nodes' parameters may have any name.
+        (server(RPP + "}") + "\nteleop: {ros__parameters: {max_linear_vel: 0.3}}", "jazzy"),
+    ],
+)
+def test_release_is_guessed_from_the_names_in_a_file(text, release):
+    assert release_of(parse(text)) == release
+
+
+@each_row(
+    ("text", "name", "used"),
+    [
+        (server(RPP + ", min_distance_to_obstacle: 0.4}"), "min_distance_to_obstacle", "0 or less"),
+        (server(RPP + ", use_dynamic_window: true}"), "use_dynamic_window", False),
+        (server(MPPI + ", model_delay_wz: 0.1}"), "model_delay_wz", 0.0),
+        (server(f"{GOALS}, {GOAL}, xy_goal_tolerance_buffer: 0.1}}, {RPP}}}"), "xy_goal_tolerance_buffer", 0.0),
+        (server(f"{GOALS}, {GOAL}, path_length_tolerance: 1.0}}, {RPP}}}"), "path_length_tolerance", "1000 or more"),
+    ],
+)
+def test_parameter_of_a_newer_release_differs(text, name, used):
+    (found,) = (each for each in findings(read(text)) if each.path[-1] == name)
+    assert (found.status, found.used) == ("differs", used)
+
+
+@each_row(
+    ("release", "others"),
+    [
+        ("jazzy", set()),
+        ("kilted", {"BackUp"}),
+        ("lyrical", {"BackUp", "the goal", "within 4", "a trajectory", "no goal is"}),
+    ],
+)
+def test_campaigns_release_says_what_differs(tmp_path, release, others):
+    (tmp_path / "nav2.yaml").write_text(server(f"{GOALS}, {GOAL}}}, {MPPI}}}"))
+    (file := tmp_path / "a.vast").write_text(f"execution: {{nav2_params: nav2.yaml, nav2_release: {release}}}")
+    found = nav2_params_of(read_campaign(file), tmp_path)
+    assert found.system["nav2_release"] == release
+    said = [note.problem.partition(" ")[2] for note in found.notes if note.problem.startswith("since ")]
+    assert {start for start in others if any(start in words for words in said)} == others
+    assert len(said) == len(others)
+
+
+def test_release_without_a_file_is_an_error(tmp_path):
+    (file := tmp_path / "a.vast").write_text("execution: {nav2_release: kilted}")
+    (fault,) = nav2_params_of(read_campaign(file), tmp_path).faults
+    assert "nav2_params beside it" in str(fault)
+
+
+def test_several_goal_checkers_are_as_the_release_says():
+    text = server(f"goal_checker_plugins: [g, general_goal_checker], g: {GOAL.partition(': ')[2]}}}, {GOAL}}}, {RPP}}}")
+    tolerances = []
+    for release in ("jazzy", "lyrical"):
+        document = parse(f"{text}")
+        document = replace(document, values={**document.values, ("nav2_release",): release})
+        tolerances.append(interpretation(document).parameters.goal_checker.xy_goal_tolerance)
+    assert tolerances == [-1.0, 0.25]  # below zero: no path is followed
+
+
+def test_speed_of_rpp_has_another_name_since_lyrical():
+    speeds = [
+        server(f"{RPP}, {each}}}") for each in ("max_linear_vel: 0.3", "desired_linear_vel: 0.2, max_linear_vel: 0.3")
+    ]
+    assert [read(text).parameters.controller.desired_linear_vel for text in speeds] == [0.3, 0.2]
+
+
+def test_smoother_may_have_six_numbers_since_lyrical():
+    text = "velocity_smoother: {ros__parameters: {max_velocity: [0.4, 0.1, 0.0, 0.0, 0.0, 1.5]}}"
+    found = read(text)
+    assert found.parameters.velocity_smoother.max_velocity == (0.4, 0.1, 1.5)
+    assert [each.status for each in findings(found)] == ["modeled"]

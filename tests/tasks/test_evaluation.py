@@ -95,6 +95,12 @@ def test_parameters_and_inputs_are_in_the_key():
     assert keys_of(listed(name="a", values=[1]), "1" * 64) != keys_of(listed(name="a", values=[1]), "2" * 64)
 
 
+def test_order_of_a_mapping_is_in_the_content():
+    """A plug-in may go through its parameters in the order of the file."""
+    assert content_of({"b": 1, "a": [{"d": 1, "c": 2}]}) == [{"b": 1}, {"a": [[{"d": 1}, {"c": 2}]]}]
+    assert content_of({"a": 1, "b": 2}) == {"a": 1, "b": 2}
+
+
 def test_files_place_is_not_in_the_key():
     one, other = (listed(name="a", values=[FileContent(path, "d")]) for path in ("/one", "/other"))
     assert keys_of(one, "1" * 64) == keys_of(other, "1" * 64)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav2.costmaps import inflation
-from vastflow.sim.nav2.costmaps.inflation import LETHAL
+from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL
 from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.world.occupancy import OCCUPIED, UNKNOWN, OccupancyMap
 
@@ -70,16 +70,26 @@ def mask_place(mask: OccupancyMap, occupancy: OccupancyMap) -> NDArray[np.float6
 
 
 @inner
-def keep_out(costs: Any, keepout: Any, row0: int, row1: int, col0: int, col1: int) -> None:
-    """Raise a window of a costmap (H, W) to what `on_map` gave."""
-    for row in range(row0, row1):
-        for column in range(col0, col1):
-            _raise(costs, row, column, keepout[row, column])
+def override_at(q: Any, cost: int) -> Any:
+    """The cost that replaces a filter's while the robot is on a lethal cell of the mask, or `NOTHING`."""
+    if q.override_lethal_cost and INSCRIBED <= cost <= LETHAL:
+        return min(q.lethal_override_cost, INSCRIBED - 1)
+    return NOTHING
 
 
 @inner
-def keep_out_of_window(window: Window, mask: Mask, map_odom: Any) -> None:
-    """Raise a window of the odom frame to a mask, where localization, `map_odom` (x, y, yaw), takes it to be."""
+def keep_out(costs: Any, keepout: Any, override: int, row0: int, row1: int, col0: int, col1: int) -> None:
+    """Raise a window of a costmap (H, W) to what `on_map` gave; for `override` see `override_at`."""
+    for row in range(row0, row1):
+        for column in range(col0, col1):
+            _raise(costs, row, column, keepout[row, column], override)
+
+
+@inner
+def keep_out_of_window(window: Window, mask: Mask, map_odom: Any, q: Any, x_m: float, y_m: float) -> None:
+    """Raise a window of the odom frame to a mask, for a robot at (x, y) of the map and the transform `map_odom`."""
+    inside, own_row, own_column = cell_of(mask, x_m, y_m)
+    override = override_at(q, mask.cells[own_row, own_column]) if inside else NOTHING
     c, s = math.cos(map_odom[2]), math.sin(map_odom[2])
     place = window.place
     for row in range(window.costs.shape[0]):
@@ -87,7 +97,7 @@ def keep_out_of_window(window: Window, mask: Mask, map_odom: Any) -> None:
             x, y = place[0] + (column + 0.5) * place[2], place[1] + (row + 0.5) * place[2]
             found, mask_row, mask_column = cell_of(mask, map_odom[0] + c * x - s * y, map_odom[1] + s * x + c * y)
             if found:
-                _raise(window.costs, row, column, mask.cells[mask_row, mask_column])
+                _raise(window.costs, row, column, mask.cells[mask_row, mask_column], override)
 
 
 @inner
@@ -99,7 +109,7 @@ def cell_of(mask: Mask, x_m: float, y_m: float) -> Any:
 
 
 @inner
-def _raise(costs: Any, row: int, column: int, cost: int) -> None:
+def _raise(costs: Any, row: int, column: int, cost: int, override: int) -> None:
     here = costs[row, column]
     if cost != NOTHING and (cost > here or here == inflation.UNKNOWN):
-        costs[row, column] = cost
+        costs[row, column] = cost if override == NOTHING else override

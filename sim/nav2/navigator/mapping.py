@@ -14,7 +14,7 @@ from vastflow.sim.nav2.costmaps.costmap import (
     remove_small_marks,
     roll,
 )
-from vastflow.sim.nav2.costmaps.filters import keep_out, keep_out_of_window
+from vastflow.sim.nav2.costmaps.filters import NOTHING, keep_out, keep_out_of_window, override_at
 from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, stamp_lethal
 from vastflow.sim.nav2.navigator.state import Grids, Local
 
@@ -48,7 +48,8 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
         remove_small_groups(q.denoise_layer, local.lethal, local.scratch)
     stamp_lethal(local.lethal, local.stamp, costs)
     if local.keepout.cells.shape[0] > 0:
-        keep_out_of_window(local.window, local.keepout, (m.map_odom_x, m.map_odom_y, m.map_odom_yaw))
+        map_odom = (m.map_odom_x, m.map_odom_y, m.map_odom_yaw)
+        keep_out_of_window(local.window, local.keepout, map_odom, q.keepout_filter, m.x, m.y)
 
 
 @inner
@@ -130,6 +131,17 @@ def clear_global(p: Any, m: Any, g: Grids) -> None:
 @inner
 def _merge(p: Any, m: Any, g: Grids, column: int, row: int, reach: int) -> None:
     layer = g.layer
+    override = NOTHING
+    if g.keepout.shape[0] > 0:
+        own_row, own_column = (
+            math.floor((m.y - p.origin_y) / p.resolution),
+            math.floor((m.x - p.origin_x) / p.resolution),
+        )
+        if 0 <= own_row < g.keepout.shape[0] and 0 <= own_column < g.keepout.shape[1]:
+            override = override_at(p.global_costmap.keepout_filter, g.keepout[own_row, own_column])
+        if m.overridden and override == NOTHING:  # the robot left the zone: what lies behind is lethal again
+            column, row, reach = layer.shape[1] // 2, layer.shape[0] // 2, max(layer.shape[0], layer.shape[1])
+        m.overridden = override != NOTHING
     denoise = p.global_costmap.denoise_layer
     if denoise.enabled:
         rows, columns = layer.shape
@@ -139,7 +151,7 @@ def _merge(p: Any, m: Any, g: Grids, column: int, row: int, reach: int) -> None:
         layer = g.quiet
     row0, row1, col0, col1 = merge_window(g.static, g.static_costs, layer, g.stamp, column, row, reach, g.costs)
     if g.keepout.shape[0] > 0:
-        keep_out(g.costs, g.keepout, row0, row1, col0, col1)
+        keep_out(g.costs, g.keepout, override, row0, row1, col0, col1)
     if m.changed_row1 > m.changed_row0:
         row0, row1 = min(row0, m.changed_row0), max(row1, m.changed_row1)
         col0, col1 = min(col0, m.changed_column0), max(col1, m.changed_column1)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vastflow.sim.nav2.amcl.sensor import likelihood_cubed, usable_range_m
 from vastflow.sim.nav2.costmaps.costmap import denoised
-from vastflow.sim.nav2.costmaps.filters import Mask, keepout_mask, on_map, with_keepout
+from vastflow.sim.nav2.costmaps.filters import NOTHING, Mask, keepout_mask, on_map, with_keepout
 from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, UNKNOWN, cost_stamp, inflation_of, with_unknown
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.parameters.costmap import Costmap
@@ -129,6 +129,9 @@ def _costs(
     keepout = on_map(keepout_mask(mask, occupancy), occupancy)
     costs = with_keepout(with_unknown(static, static_costs), keepout)
     free_costs = np.minimum(with_keepout(static_costs, keepout), costs) if (static == UNKNOWN).any() else costs
+    if keepout.size and costmap.keepout_filter.override_lethal_cost:
+        least = np.uint8(costmap.keepout_filter.lethal_override_cost)
+        free_costs = np.where(keepout == NOTHING, free_costs, np.minimum(free_costs, least))
     return static, static_costs, stamp, costs, free_costs, keepout
 
 

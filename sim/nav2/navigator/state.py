@@ -120,7 +120,7 @@ _WHOLE: Final = (
     *("initialized", "localized", "first_scan", "particles", "bins", "filter_updates"),
     *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
     *("odometry_step", "scans_taken", "scans_used", "swept", "smoother_step", "pending_step", "busy_step", "cycle_due"),
-    *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
+    *("clear_local", "clear_global", "local_current", "global_current", "overridden", "near", "stopped"),
     *("path_n", "path_i", "path_end"),
     *("changed_row0", "changed_row1", "changed_column0", "changed_column1"),
     *("state", "until", "goal", "loop", "replan_in", "latched", "base_tick", "valid_tick", "command_tick"),

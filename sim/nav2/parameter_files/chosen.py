@@ -28,7 +28,9 @@ from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, 
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, loaded
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, short_names
 from vastflow.sim.nav2.parameter_files.reader import CONTRADICTION, plug_in_name, shown
-from vastflow.sim.nav2.parameters.robot import NOISE_PLACE, robot_keys
+from vastflow.sim.nav2.parameter_files.releases import RELEASE, RELEASE_KEY
+from vastflow.sim.nav2.parameter_files.robots import of_robot
+from vastflow.sim.nav2.parameters.robot import NAMESPACE_KEY, NOISE_PLACE, robot_keys
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.plug_ins.registry import FILE
 from vastflow.sim.world.noise_registry import GaussianDropoutParameters
@@ -113,6 +115,7 @@ OWN_KEYS: Final[Mapping[str, tuple[ParameterLocation, ...]]] = {
     "odometry_noise_std_deviation": (("odometry_noise_std_deviation",),),
     COVARIANCE_KEY: tuple((f"{COVARIANCE_KEY}_{axis}",) for axis in ("xx", "yy", "yaw")),
     **{key: (path,) for key, path in robot_keys().items()},
+    RELEASE_KEY: (RELEASE,),
 }
 """Keys that stand in no Nav2 file, and where `Perturbation`, the lidar's noise, and `RobotParameters` are read. The two of the paper's study go by the
 names of its launch arguments, or by those of its relay node."""
@@ -151,7 +154,8 @@ def drawn_parameters(system: Mapping[str, Value]) -> NavParameters:
 
 def file_of(system: Mapping[str, Value]) -> Interpretation | None:
     """Return the Nav2 parameter file of a system as it is read without the other keys; None without one."""
-    return _chosen(_system({FILE_KEY: system[FILE_KEY]})).interpretation if FILE_KEY in system else None
+    own = {key: system[key] for key in (FILE_KEY, NAMESPACE_KEY) if key in system}
+    return _chosen(_system(own)).interpretation if FILE_KEY in own else None
 
 
 def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[str, ...]:
@@ -292,6 +296,7 @@ def _chosen(system: _System) -> Chosen:
         if not isinstance(content, FileContent):
             raise _error(FILE_KEY, f"got {shown(content)}", f"a file, which execution.{FILE_KEY} names")
         document = loaded(content)
+    document = of_robot(document, system.values.get(NAMESPACE_KEY))
     masked = {path: word for path, word in document.values.items() if isinstance(word, str) and word in LAUNCH_WORDS}
     replaced = {path: LAUNCH_WORDS[word] in system.values for path, word in masked.items()}
     document = replace(document, values={**document.values, **replaced}) if replaced else document
@@ -354,7 +359,7 @@ def _named(fault: Fault, touched: Mapping[str, tuple[ParameterLocation, ...]]) -
     return replace(fault, place=Place("", 0, 0, max(by, key=lambda key: key.count("."))))
 
 
-FOOTPRINT_NAMES: Final = frozenset({"footprint", "robot_radius", "footprint_padding", "radius", "polygon"})
+FOOTPRINT_NAMES: Final = frozenset({"footprint", "robot_radius", "footprint_padding", "radius", "polygon", "namespace"})
 """Last names of the keys that it can follow from."""
 
 

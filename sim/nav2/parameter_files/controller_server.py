@@ -17,6 +17,7 @@ from vastflow.sim.nav2.parameter_files.nodes import (
 )
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, short_name
 from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, Used, Values, plug_in_name, written, written_plugins
+from vastflow.sim.nav2.parameter_files.releases import release_of
 from vastflow.sim.nav2.parameters.mppi import AckermannParameters, MppiParameters
 from vastflow.sim.nav2.parameters.servers import NO_LIMIT, ControllerServer, GoalChecker, ProgressChecker, RotationShim
 from vastflow.sim.nav2.parameters.stack import NavParameters
@@ -40,7 +41,9 @@ def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
     refuses = False
     for name, plugins in _CHECKERS.items():
         path, names = reader.listed(node, plugins)
-        if len(set(names)) > 1 and not (plugins.used in names and _is_of_lyrical(reader, node)):
+        if len(set(names)) > 1 and not (
+            plugins.used in names and release_of(reader.document) == "lyrical"
+        ):  # whose trees name one
             refuses = True
             why = f"Nav2 refuses each path: of several {plugins.what}s the behavior tree must name one, and the default names none"
             reader.warnings[path] = f"{len(set(names))} {plugins.what}s", f"{why}; missions abort"
@@ -63,11 +66,6 @@ _REFUSING: Final[Parts] = {
     "progress_checker": ProgressChecker().model_copy(update={"movement_time_allowance": -1.0}),
 }
 """Checkers with which no path is followed, not even at the goal: following fails in the cycle that it begins in."""
-
-
-def _is_of_lyrical(reader: Reader, node: ParameterLocation) -> bool:
-    """Whether a file is of Lyrical, the release since which the default behavior trees name a goal checker."""
-    return any((*node, name) in reader.document.values for name in PATH_HANDLERS.lists)
 
 
 def _controller(reader: Reader, used: Used) -> Parts:
@@ -95,7 +93,10 @@ def _controller(reader: Reader, used: Used) -> Parts:
                 problem = "CostCritic and ObstaclesCritic together are not modeled"
                 reader.fault((*place, "critics"), problem, "one of them")
         given |= _motion_model(reader, place)
-    elsewhere = _handled(reader, used.place[:-1], algorithm, given)
+    elsewhere = {**_handled(reader, used.place[:-1], algorithm, given)}
+    old, new = (*place, "desired_linear_vel"), (*place, "max_linear_vel")  # since Lyrical
+    if algorithm == "RPP" and new in reader.document.values and old not in reader.document.values:
+        elsewhere[old[-1]] = new
     return {**parts, "controller": reader.group(kind, place, elsewhere, given, kinds=[algorithm])}
 
 

@@ -76,11 +76,14 @@ def _info(reader: Reader, place: ParameterLocation, is_needed: bool) -> Paramete
     """
     document = reader.document
     topic = reader.plain((*place, TOPIC), "").lstrip("/")
-    for node in document.nodes:
-        own = str(document.values.get((*node, TOPIC), _DEFAULT_TOPIC)).lstrip("/")
-        if is_info_server(document, node) and own == topic:
-            reader.kinds[node] = "filter info"
-            return node
+    servers = [node for node in document.nodes if is_info_server(document, node)]
+    found = [n for n in servers if str(document.values.get((*n, TOPIC), _DEFAULT_TOPIC)).lstrip("/") == topic]
+    reader.kinds |= dict.fromkeys(found, "filter info")
+    if len(found) > 1 and is_needed:
+        names = " and ".join(node[-2] for node in found)
+        reader.fault((*place, TOPIC), f"{names} publish on {topic!r}", "one node, as in Nav2 the later message counts")
+    if found:
+        return found[0]
     if not is_needed:
         return ()
     if topic:

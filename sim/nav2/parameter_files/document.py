@@ -22,6 +22,9 @@ from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.plug_ins.snapshot import Snapshot
 
 PARAMETERS: Final = "ros__parameters"
+ANY: Final = "*"
+ANY_NUMBER: Final = "**"
+"""Wildcards: one part of a node's full name, and any number of them."""
 
 TAG: Final = "tag:yaml.org,2002:"
 EXPONENT: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+")
@@ -38,6 +41,8 @@ class ParameterDocument:
         places: Where a file has a path or a part of one; items of lists have their number for a name.
         repeated: Paths that the file has more than once; the last value counts.
         file: The file's name as the user gave it.
+        robot: Namespace of the robot that counts.
+        others: Nodes of other robots, which do not count, to their namespaces.
         plug_ins: Those that it names as `file.py:Class`, to the copies that are loaded; the others are read when they are.
     """
 
@@ -45,6 +50,8 @@ class ParameterDocument:
     places: Mapping[ParameterLocation, TextPlace] = field(default_factory=dict)
     repeated: tuple[ParameterLocation, ...] = ()
     file: str = ""
+    robot: ParameterLocation = ()
+    others: Mapping[ParameterLocation, ParameterLocation] = field(default_factory=dict)
     plug_ins: Mapping[str, Snapshot] = field(default_factory=dict)
 
     def place(self, path: ParameterLocation) -> TextPlace:
@@ -57,7 +64,8 @@ class ParameterDocument:
     @cached_property
     def nodes(self) -> tuple[ParameterLocation, ...]:
         """Paths of the nodes' parameters, each with `ros__parameters` for its end."""
-        return tuple(dict.fromkeys(node_of(path) for path in (*self.values, *self.places) if PARAMETERS in path))
+        nodes = dict.fromkeys(node_of(path) for path in (*self.values, *self.places) if PARAMETERS in path)
+        return tuple(node for node in nodes if node not in self.others)
 
     def node(self, *name: str) -> ParameterLocation | None:
         """Path of a node's parameters in any namespace; the shallowest of several, or None."""
@@ -68,6 +76,10 @@ class ParameterDocument:
 def node_of(path: ParameterLocation) -> ParameterLocation:
     """Path of the parameters of the node that a parameter is of."""
     return path[: path.index(PARAMETERS) + 1]
+
+
+def is_wild(node: ParameterLocation) -> bool:
+    return ANY in node or ANY_NUMBER in node
 
 
 def dotted(path: ParameterLocation) -> str:

@@ -315,6 +315,8 @@ IN_EVERY_NODE: Final[Mapping[str, BuiltIn]] = _any(
     "use_realtime_priority",
     "enable_stamped_cmd_vel",
     "action_server_result_timeout",
+    "introspection_mode",
+    "service_introspection_mode",
 )
 
 UNUSED_NODES: Final[Mapping[str, str]] = {
@@ -364,7 +366,7 @@ _SMAC: Final = _any("max_planning_time", "terminal_checking_interval", "downsamp
 TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     "amcl": {
         **_any(*_FRAMES, "scan_topic", "map_topic", "save_pose_rate", "transform_tolerance", "random_seed"),
-        **_any("z_max", "z_short", "lambda_short", "first_map_only", "service_introspection_mode"),
+        **_any("z_max", "z_short", "lambda_short", "first_map_only"),
         **_any("do_beamskip", "beam_skip_distance", "beam_skip_threshold", "beam_skip_error_threshold"),
         # The mission publishes where the robot starts.
         **_any("set_initial_pose", "always_reset_initial_pose", "initial_pose.*"),
@@ -376,7 +378,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     },
     "bt_navigator": {
         **_any(*_FRAMES, "odom_topic", "transform_tolerance", "filter_duration", "default_server_timeout"),
-        **_any("wait_for_service_timeout", "service_introspection_mode", "plugin_lib_names", "error_code_names"),
+        **_any("wait_for_service_timeout", "plugin_lib_names", "error_code_names"),
         **_any("error_code_name_prefixes", "always_reload_bt_xml", "enable_groot_monitoring"),
         **_any("groot_zmq_publisher_port", "groot_zmq_server_port", "goal_blackboard_id", "path_blackboard_id"),
         "bt_loop_duration": BuiltIn(high=50.0, why="trees are ticked every 50 ms"),
@@ -389,6 +391,10 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     "controller_server": {
         **_any("odom_topic", "odom_duration", "speed_limit_topic"),
         "publish_zero_velocity": only(True),
+    },
+    **{
+        f"{name}GoalChecker": {"xy_goal_tolerance_buffer": only(0.0), "path_length_tolerance": BuiltIn(low=1000.0)}
+        for name in ("Simple", "Stopped", "Position")
     },
     "FeasiblePathHandler": {**_any("minimum_rotation_angle"), "reject_unit_path": only(False)},
     "local_costmap": {**_COSTMAP, "global_frame": BuiltIn(("odom",), prefixed=True), "rolling_window": only(True)},
@@ -424,8 +430,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "raytrace_min_range": only(0.0),
     },
     "KeepoutFilter": {
-        **_any("transform_tolerance", "filter_info_topic", "lethal_override_cost"),
-        "override_lethal_cost": only(False),  # it counts while the robot stands in a zone
+        **_any("transform_tolerance", "filter_info_topic"),
     },
     "SpeedFilter": {
         **_any("transform_tolerance", "filter_info_topic", "speed_limit_topic", "path_topic", "odom_topic"),
@@ -434,7 +439,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     # A mask is among the campaign's parameters, and a keepout filter takes its values as they are.
     "filter info": _any("filter_info_topic", "mask_topic", "type", "base", "multiplier"),
     "InflationLayer": {"inflate_unknown": only(False), "inflate_around_unknown": only(False)},
-    "planner_server": _any("expected_planner_frequency", "service_introspection_mode"),
+    "planner_server": _any("expected_planner_frequency"),
     "NavfnPlanner": {"use_final_approach_orientation": only(False)},
     "SmacPlanner2D": {
         **_SMAC,
@@ -453,6 +458,9 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "retry_attempt_limit": only(1),
         "reset_period": only(1.0),
         "regenerate_noises": only(True),
+        **dict.fromkeys(("model_delay_vx", "model_delay_vy", "model_delay_wz"), only(0.0)),
+        "clamp_raw_controls": only(False),
+        "sgf_order": only(2),
         "open_loop": only(False),
     },
     "MPPI critic": {
@@ -481,6 +489,11 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     },
     "RPP": {
         **_any("transform_tolerance", "inversion_xy_tolerance", "inversion_yaw_tolerance", "cancel_deceleration"),
+        # Of a dynamic window alone, since Lyrical.
+        **_any("min_linear_vel", "max_angular_vel", "min_angular_vel"),
+        **_any("max_linear_accel", "max_linear_decel", "max_angular_decel"),
+        **dict.fromkeys(("use_dynamic_window", "allow_obstacle_checking_beyond_goal"), only(False)),
+        "min_distance_to_obstacle": BuiltIn(high=0.0),
         "interpolate_curvature_after_goal": only(False),
         "use_cancel_deceleration": only(False),
         "use_interpolation": only(True),
@@ -503,7 +516,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         **_any("odom_topic"),
         "smoothing_frequency": only(20.0),
         "scale_velocities": only(False),
-        "deadband_velocity": only((0.0, 0.0, 0.0)),
+        "deadband_velocity": only((0.0,) * 3, (0.0,) * 6),
     },
     "collision_monitor": {
         **_any(*_FRAMES, "cmd_vel_in_topic", "cmd_vel_out_topic", "state_topic", "transform_tolerance"),

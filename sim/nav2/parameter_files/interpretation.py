@@ -24,6 +24,8 @@ from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocu
 from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name, short_class
 from vastflow.sim.nav2.parameter_files.plug_ins import PLANNER_PLUG_INS
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, shown, written
+from vastflow.sim.nav2.parameter_files.releases import RELEASE, RELEASES
+from vastflow.sim.nav2.parameter_files.robots import NAMESPACE, namespace_text, of_robot
 from vastflow.sim.nav2.parameters.costmap import local_costmap
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
@@ -124,7 +126,19 @@ def interpretation(document: ParameterDocument, *, drawn: bool = False) -> Inter
     Raises:
         FileError: every fault of the document.
     """
+    document = of_robot(document, document.values.get(NAMESPACE))
     reader = Reader(document, drawn=drawn)
+    if NAMESPACE in document.values:
+        reader.plain(NAMESPACE, "")
+    if reader.plain(RELEASE, RELEASES[0]) not in RELEASES:
+        reader.fault(RELEASE, f"got {shown(document.values[RELEASE])}", f"one of {', '.join(RELEASES)}")
+    reader.unused |= dict.fromkeys(document.others, "it is another robot's")
+    if document.others:
+        names = ", ".join(dict.fromkeys(map(namespace_text, document.others.values())))
+        reader.warnings[next(iter(document.others))[:-1]] = (
+            f"the file has parameters of other robots, {names}",
+            f"the robot is {namespace_text(document.robot)}, unless a family says 'robot: {{namespace: ...}}'",
+        )
     parts: dict[str, Any] = {
         "perturbation": reader.group(Perturbation, ()),
         "robot": reader.group(RobotParameters, (ROBOT_KEY,)),
@@ -322,6 +336,16 @@ def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
     return {**parts, "planner": reader.instance_group(Instance(used.place, short_class(text), modeled))}
 
 
+def _velocity_smoother(reader: Reader, node: ParameterLocation) -> Parts:
+    """Read the smoother; since Lyrical its lists may have six numbers, of which x, y, and yaw count."""
+    given: dict[str, Any] = {}
+    for name in ("max_velocity", "min_velocity", "max_accel", "max_decel"):
+        found = reader.document.values.get(path := (*node, name))
+        if isinstance(found, Sequence) and len(found) == 6:
+            reader.asked[path] = given[name] = tuple(found[k] for k in (0, 1, 5))
+    return {"velocity_smoother": reader.group(VelocitySmoother, node, given=given, kinds=["velocity_smoother"])}
+
+
 def _waypoint_follower(reader: Reader, node: ParameterLocation) -> Parts:
     kinds = ["waypoint_follower", "WaitAtWaypoint"]
     executor = (*node, reader.plain((*node, "waypoint_task_executor_plugin"), "wait_at_waypoint"))
@@ -439,6 +463,7 @@ _READ: Final[Mapping[str, Callable[[Reader, ParameterLocation], Parts]]] = {
     "global_costmap": read_costmap,
     "planner_server": _planner_server,
     "waypoint_follower": _waypoint_follower,
+    "velocity_smoother": _velocity_smoother,
     "collision_monitor": _read_monitor,
 }
 """Nodes with more than a group of parameters."""

@@ -13,15 +13,23 @@ from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.files import TextPlace, is_file
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files.costmaps import is_info_server
-from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, dotted, node_of, read_document
+from vastflow.sim.nav2.parameter_files.document import (
+    ANY,
+    ANY_NUMBER,
+    PARAMETERS,
+    ParameterDocument,
+    dotted,
+    is_wild,
+    node_of,
+    read_document,
+)
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.nodes import NODES
+from vastflow.sim.nav2.parameter_files.robots import robots_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import FILE, plug_in_file
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot, snapshot_of
 
-_ANY: Final = "*"
-_ANY_NUMBER: Final = "**"
 _SOME_NAMESPACE: Final = ""
 """A node without a namespace in the file may be started in one, whose name no file says."""
 
@@ -37,7 +45,7 @@ def resolved(document: ParameterDocument) -> ParameterDocument:
     Of several values for one parameter the file's last counts, as since Humble, be it a wildcard's or the node's own. A
     wildcard speaks of a node by its name, or by a parameter that nodes of this name have; one that speaks of none stays as it is.
     """
-    wild = [node for node in document.nodes if _is_wild(node)]
+    wild = [node for node in document.nodes if is_wild(node)]
     if not wild:
         return document
     spoken_of = {node: [*_targets(document, node)] for node in wild}
@@ -56,33 +64,32 @@ def resolved(document: ParameterDocument) -> ParameterDocument:
 
 
 def _targets(document: ParameterDocument, wild: ParameterLocation) -> Iterator[ParameterLocation]:
-    """Paths of the nodes that match a wildcard: those in the file, else below the wildcard's namespace."""
+    """Paths of the nodes that match a wildcard: those of each robot, else below the wildcard's namespace."""
     pattern = wild[:-1]
     heads = {path[len(wild)] for path in document.below(wild)}
-    above = pattern[: next(k for k, part in enumerate(pattern) if part in (_ANY, _ANY_NUMBER))]
+    above = pattern[: next(k for k, part in enumerate(pattern) if part in (ANY, ANY_NUMBER))]
+    robots = robots_of(document)
     for name, modeled in NODES.items():
         if heads.isdisjoint(modeled.names) and pattern[-1] != name[-1]:
             continue
-        own = [node for node in document.nodes if not _is_wild(node) and node[-len(name) - 1 : -1] == name]
+        own = [node for node in document.nodes if not is_wild(node) and node[-len(name) - 1 : -1] == name]
         in_any = _matches(pattern, (_SOME_NAMESPACE, *name))
         for node in own:
             if _matches(pattern, node[:-1]) or (in_any and node[:-1] == name):
                 yield node
-        if not own and (in_any or _matches(pattern, name) or _matches(pattern, (*above, *name))):
-            yield (*above, *name, PARAMETERS)
-
-
-def _is_wild(node: ParameterLocation) -> bool:
-    return _ANY in node or _ANY_NUMBER in node
+        for robot in dict.fromkeys([*robots, *([above] if not own and (above or not robots) else [])]):
+            node = (*robot, *name, PARAMETERS)
+            if node not in own and (_matches(pattern, node[:-1]) or (in_any and not robot)):
+                yield node
 
 
 def _matches(pattern: ParameterLocation, name: ParameterLocation) -> bool:
     """Whether a pattern matches a node's full name: `*` is one part of it, `**` any number."""
     if not pattern:
         return not name
-    if pattern[0] == _ANY_NUMBER:
+    if pattern[0] == ANY_NUMBER:
         return any(_matches(pattern[1:], name[k:]) for k in range(len(name) + 1))
-    return bool(name) and pattern[0] in (_ANY, name[0]) and _matches(pattern[1:], name[1:])
+    return bool(name) and pattern[0] in (ANY, name[0]) and _matches(pattern[1:], name[1:])
 
 
 FILE_KEY: Final = "nav2_params"
@@ -92,8 +99,8 @@ FILE_KEY: Final = "nav2_params"
 def nav2_file(path: str | Path) -> FileContent:
     """A Nav2 parameter file as the value of `nav2_params`.
 
-    Its digest is that of the parameters of the nodes that are modeled, and of the plug-ins that it names: comments, the order
-    of keys, and nodes that the simulator has nothing of are not in it.
+    Its digest is that of the parameters of the nodes that are modeled, of the plug-ins that it names, and of the order of
+    several robots: comments, the order of other keys, and nodes that the simulator has nothing of are not in it.
 
     Raises:
         FileError: the file can't be used.
@@ -167,4 +174,6 @@ def _content_digest(document: ParameterDocument) -> str:
     nodes = {node for node in document.nodes if not modeled.isdisjoint(node[-2:-1]) or is_info_server(document, node)}
     values = {dotted(path): value for path, value in document.values.items() if node_of(path) in nodes}
     plug_ins = {name: snapshot.digest for name, snapshot in document.plug_ins.items()}
-    return digest(sorted(map(dotted, nodes)), values, *filter(None, [plug_ins]))
+    robots = robots_of(document)  # without a namespace of the campaign's the first counts
+    more: list[Value] = [plug_ins, robots if len(robots) > 1 else ()]
+    return digest(sorted(map(dotted, nodes)), values, *filter(None, more))

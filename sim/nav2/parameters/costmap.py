@@ -51,9 +51,17 @@ class DenoiseLayer(ParameterGroup):
 
 
 class KeepoutFilter(ParameterGroup):
-    """Cells that a mask raises after all layers, see `vastflow.sim.nav2.costmaps.filters`."""
+    """Cells that a mask raises after all layers, see `vastflow.sim.nav2.costmaps.filters`.
+
+    Attributes:
+        override_lethal_cost: Whether cells are raised to `lethal_override_cost` alone while the robot is on a lethal cell of the mask.
+    """
 
     enabled: bool = derived(True)
+    override_lethal_cost: bool = parameter(False)
+    lethal_override_cost: int = parameter(
+        252, 0, 255, needs=("override_lethal_cost", True, "override_lethal_cost is false")
+    )
 
 
 class SpeedFilter(ParameterGroup):

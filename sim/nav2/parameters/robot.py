@@ -110,6 +110,9 @@ PRESETS: Final[Mapping[str, Latency]] = {
 ROBOT_KEY: Final = "robot"
 """First name of the keys of the system dimension that give these."""
 
+NAMESPACE_KEY: Final = "robot.namespace"
+"""Key that chooses one of several robots of a Nav2 parameter file."""
+
 WHOLE_TURN_RAD: Final = 2.0 * math.pi + 1e-3
 """Files round a turn's angles up, as in 3.1416."""
 
@@ -188,7 +191,7 @@ class RobotParameters(ParameterGroup):
 @functools.cache
 def robot_keys() -> Mapping[str, ParameterLocation]:
     """Every key of the system dimension that gives a quantity of the robot, to where it is read."""
-    own = [(ROBOT_KEY, name) for name in RobotParameters.model_fields if name != "lidar"]
+    own = [(ROBOT_KEY, name) for name in (*RobotParameters.model_fields, "namespace") if name != "lidar"]
     lidar = ((ROBOT_KEY, "lidar", name) for name in LidarParameters.model_fields)
     latency = ((ROBOT_KEY, LATENCY_KEY, name) for name in (PRESET_KEY, *Latency.model_fields))
     odometry = ((ROBOT_KEY, ODOMETRY_KEY, name) for name in OdometryDrift.model_fields)
