@@ -29,6 +29,7 @@ from vastflow.deployments.explorer.selection import (
     parse_filter,
     python_of,
 )
+from vastflow.oracles.evidence.headline import robot_text
 from vastflow.oracles.results.unusable import reading
 from vastflow.sim.model.parquet import open_table
 
@@ -59,7 +60,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         if directory.state == "running":
             return RedirectResponse(address("/live", c=directory.id), 303)
         opened.of(directory.id)  # or an error says why it has no page
-        return pages.page(request, "campaign.html.j2", campaign=directory)
+        return pages.page(request, "campaign.html.j2", campaign=directory, robot=robot_text(directory.metadata))
 
     def view(name: str, made: View) -> Callable[[Request], Response]:
         def answer(request: Request) -> Response:

@@ -89,7 +89,7 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
 
     text: str = Template(_TEMPLATE.read_text(encoding="utf-8"), keep_trailing_newline=True).render(
         command=command,
-        name=json.dumps(map_file.stem, ensure_ascii=False),
+        name=json.dumps("-".join(file.stem for file in (map_file, nav2_params) if file), ensure_ascii=False),
         map_file=named(map_file),
         length_m=f"{length_m:g}",
         tolerance_m=f"{length_m / 10:.2g}",

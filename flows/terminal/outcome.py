@@ -13,6 +13,7 @@ from vastflow.flows.terminal.display import terminal_table
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.evidence.causes import standstills_of
 from vastflow.oracles.evidence.evidence import Evidence
+from vastflow.oracles.evidence.headline import robot_text
 from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.statistics.intervals import LEVEL, Counts
 from vastflow.oracles.statistics.looks import Mean
@@ -22,6 +23,8 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
     """Yield the headline, a table of families, and lines on oracles, rejections, and faults."""
     whole = evidence[None]
     yield Text(whole.campaign.headline.text, "bold")
+    if robot := robot_text(tables.metadata):
+        yield Text(f"robot: {robot}", "dim")
     rows = [
         _Row((family, f"{group.configurations}"), group.counts, group.mean) for family, group in whole.families.items()
     ]

@@ -1,5 +1,6 @@
 """The headline of a campaign: the one sentence on its rate that every page, command, and file has."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -49,6 +50,14 @@ class Headline:
         """The sentence, and its numbers."""
         ends = {name: each and asdict(each) for name, each in (("these", self.these), ("others", self.others))}
         return {"text": self.text, "rate": self.rate, **ends}
+
+
+def robot_text(metadata: Mapping[str, Any]) -> str:
+    """Whose robot drove, by the content of `metadata.json`; empty where nothing tells it."""
+    robots = metadata.get("robots")
+    found = [each.get("summary") for each in robots if isinstance(each, dict)] if isinstance(robots, list) else []
+    said = [*dict.fromkeys(each for each in found if isinstance(each, str))]
+    return f"{said[0]} (the first of {len(said)} robots)" if said[1:] else "".join(said)
 
 
 def percent_text(rate: float) -> str:

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from vastflow.oracles.evidence.causes import causes_json, criteria_json
 from vastflow.oracles.evidence.evidence import evidence_json
 from vastflow.oracles.evidence.findings import findings_json, shape_of
-from vastflow.oracles.evidence.headline import Headline
+from vastflow.oracles.evidence.headline import Headline, robot_text
 from vastflow.oracles.evidence.wide import wide_table, write_wide
 from vastflow.oracles.figures.style import CLASS_COLORS, plain_style
 from vastflow.oracles.page import sections, words
@@ -104,6 +104,7 @@ def _html(
         simulated_s=float(np.nansum(floats(runs["simulated_s"]))),
         distance_m=float(np.nansum(floats(runs["distance_m"]))),
         shape=shape_of(facts.findings),
+        robot=robot_text(facts.metadata),
         class_names=list(CLASS_COLORS),
         places=len(facts.places),
         left_out=sections.left_out(facts),

@@ -46,13 +46,14 @@ from vastflow.sim.model.faults import Fault, FileError, Place, parted
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
-from vastflow.sim.nav2.parameter_files.chosen import FOOTPRINT_NAMES, parameters_of
+from vastflow.sim.nav2.parameter_files.chosen import FOOTPRINT_NAMES, file_of, parameters_of
+from vastflow.sim.nav2.parameter_files.findings import findings
 from vastflow.sim.nav2.parameter_files.interpretation import noise_value
 from vastflow.sim.nav2.parameters.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.reading.abstract import hall_file
-from vastflow.sim.reading.robot import robot_facts, robot_of, robot_words
+from vastflow.sim.reading.robot import robot_facts, robot_of, robot_summary, robot_words
 from vastflow.sim.world.map_file import MissingMap
 
 OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")
@@ -405,12 +406,12 @@ class FamilyReader:
 
 
 def robots_json(families: Sequence[Family]) -> list[dict[str, Any]]:
-    """Return each robot of a campaign: the names of its families and a line for each source of its quantities."""
+    """Return each robot of a campaign: the names of its families, whose it is, and a line for each source of its quantities."""
     found: dict[tuple[str, ...], list[str]] = {}
     for family in families:
         if family.drives and (lines := tuple(_lines(family))):
             found.setdefault(lines, []).append(family.name)
-    return [{"families": names, "robot": list(lines)} for lines, names in found.items()]
+    return [{"families": names, "summary": whose, "robot": lines} for (whose, *lines), names in found.items()]
 
 
 def _lines(family: Family) -> Iterator[str]:
@@ -420,14 +421,22 @@ def _lines(family: Family) -> Iterator[str]:
         for key, value in values.items()
         if dimension_of(key, value, family.dimensions.get(key)) == "system" and not key.startswith("_")
     }
+    written = dict.fromkeys(key for producer in family.producers for key in producer.writes)
+    names = [k for k in written if k.startswith(f"{ROBOT_KEY}.") or k.rpartition(".")[2] in FOOTPRINT_NAMES]
+    varied = [f"varied: {', '.join(names)}"] if names else []
     try:
         parameters = parameters_of(system)
-        yield from robot_words(robot_facts(parameters))
+        facts = robot_facts(parameters)
+        read = "parameters of Nav2 Jazzy's default file"
+        if file := file_of(system):
+            name = Path(file.document.file).name + (" and the campaign" * (robot_facts(file.parameters) != facts))
+            count = sum(each.status == "modeled" for each in findings(file))
+            read = f"{count} parameter{'' if count == 1 else 's'} from {name}"
+        yield "; ".join([robot_summary(facts, read), *varied])
+        yield from robot_words(facts)
         inner_m, outer_m = inscribed_radius_of(parameters), robot_of(parameters).radius_m
         own = f"performance takes {inner_m:.3g} m (inscribed), safety {outer_m:.3g} m (circumscribed)"
         yield f"oracles without a radius of their own: {own}"
     except FileError:  # with what producers write it may be right, and the run says where it isn't
         return
-    written = dict.fromkeys(key for producer in family.producers for key in producer.writes)
-    if varied := [k for k in written if k.startswith(f"{ROBOT_KEY}.") or k.rpartition(".")[2] in FOOTPRINT_NAMES]:
-        yield f"varied: {', '.join(varied)}"
+    yield from varied

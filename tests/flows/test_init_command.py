@@ -13,6 +13,7 @@ from table import each_row
 
 from vastflow.flows import api
 from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.oracles.statistics.classes import runs_for_a_claim
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 
@@ -57,6 +58,9 @@ def test_init_writes_random_paths_for_map_and_robot(tmp_path, params):
     campaign, _ = read_campaign(tmp_path / "own" / "office.vast")
     made = instantiate(campaign)
     assert (len(made.configurations), made.rejections) == (10, ())
+    stems = ["office"] if params is None else ["office", Path(params).stem]
+    assert campaign.spec.metadata["name"] == "-".join(stems)
+    assert campaign.spec.execution.runs == runs_for_a_claim()["reliable"]
     system = made.configurations[0].scenario.system
     assert system.get("nav2_params") == (None if params is None else nav2_file(QUICKSTART.parent / params))
 

@@ -134,6 +134,36 @@ def test_plan_lists_assumed_mount_and_radii_of_oracles(campaign):
     assert "performance takes 0.3 m (inscribed), safety 0.5 m (circumscribed)" in said
 
 
+JAZZY = "parameters of Nav2 Jazzy's default file"
+
+
+@each_row(
+    ("filled", "summary"),
+    [
+        ({}, f"{JAZZY}; footprint, drive, mass, limits, and lidar of a TurtleBot 4 are assumed"),
+        (
+            {"robot": "mass: 9, lidar: {rate: 10}"},
+            f"mass and lidar as described; {JAZZY}; footprint, drive, limits, and the rest of the lidar of a TurtleBot 4 are assumed",
+        ),
+        (
+            {"nav2": "robot_radius: 0.3, update_frequency: 4.0"},
+            "footprint, limits, and 2 parameters from nav2.yaml; drive, mass, the rest of the limits, and lidar of a TurtleBot 4 are assumed",
+        ),
+        (
+            {"nav2": "robot_radius: 0.3", "parameters": "robot_radius: 0.4"},
+            "footprint, limits, and 1 parameter from nav2.yaml and the campaign; drive, mass, the rest of the limits, and lidar of a TurtleBot 4 are assumed",
+        ),
+        (
+            {"producers": "- ParameterVariationList: {name: robot_radius, values: [0.2, 0.3]}"},
+            f"{JAZZY}; footprint, drive, mass, limits, and lidar of a TurtleBot 4 are assumed; varied: robot_radius",
+        ),
+    ],
+)
+def test_plan_says_whose_robot_it_is(campaign, filled, summary):
+    (robot,) = json.loads(called("plan", campaign(**filled), "--json").stdout)["robots"]
+    assert robot["summary"] == summary
+
+
 @each_row(
     ("system", "inscribed_m", "circumscribed_m"),
     [

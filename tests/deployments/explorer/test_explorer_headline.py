@@ -29,6 +29,10 @@ SEARCHED = {
 FOUND = "room-4: failure rate found at 100 %, confirmed at 100 % [15, 100] on 2 fresh runs."
 
 
+WHOSE = "footprint and 119 parameters from nav2.yaml; drive and mass of a TurtleBot 4 are assumed"
+ROBOTS = [{"families": ["room", "hall"], "summary": WHOSE, "robot": ["the robot: mass 9 kg"]}]
+
+
 @pytest.fixture
 def written(add_campaign):
     """Writes a campaign with its report, as a run does."""
@@ -36,7 +40,7 @@ def written(add_campaign):
     def write(day, **record):
         directory = add_campaign(day, LOSSES, text="version: 1\nexecution:\n  runs: 4\n")
         file = directory / "metadata.json"
-        metadata = {**json.loads(file.read_text()), **record}
+        metadata = {**json.loads(file.read_text()), "robots": ROBOTS, **record}
         file.write_text(json.dumps(metadata))
         if record.get("search"):
             from vastflow.flows.search.tables import ARCHIVE, EVALUATIONS
@@ -107,6 +111,9 @@ def test_headline_is_the_same_sentence_in_each_place(written, client, id_of, tmp
         client.get("/compare", params={"a": id_of(before), "b": id_of(directory)}).text
     )
     assert [place for place, words in said.items() if text not in words] == []
+    said["explorer's campaign"] = page_text(client.get("/campaign", params=about).text)
+    places = ("terminal", "report", "explorer's campaign")
+    assert [place for place in places if f"obot: {WHOSE}" not in " ".join(said[place].split())] == []
 
 
 def test_search_has_no_rate_and_no_interval_of_its_points_anywhere(written, client, id_of, capsys):
