@@ -146,7 +146,8 @@ Status: TypeAlias = Literal[
 class Gate:
     """The gate of a comparison.
 
-    Faults, runs without a counterpart, and runs that were not judged are checked first, since each could hide a loss.
+    Faults, configurations that the candidate lacks, other seeds, and runs that were not judged are checked first, since each
+    could hide a loss. Runs that one campaign has beyond the last of the other are left out: its configuration's class was decided.
 
     Attributes:
         whole: The difference over all judged pairs.
@@ -185,7 +186,7 @@ class Gate:
         """The gate holds for `nothing changed` and `ruled out`, and can't be claimed for `too few paths`."""
         if self.new_faults:
             return "new faults"
-        if self.pairing.unpaired:
+        if self.pairing.refused:
             return "unequal"
         runs = len(self.pairing.configuration)
         if 2 * self.whole.pairs <= runs or self._no_longer_judged > self.margin * runs:
@@ -220,7 +221,7 @@ class Gate:
             case "new faults":
                 why = f"{count_text(self.new_faults, 'new fault')} in B, whose runs could not be judged"
             case "unequal":
-                why = f"{self.pairing.unpaired}; both campaigns need the same configurations and runs"
+                why = f"could not pair {self.pairing.refused}"
             case "not judged":
                 pairs = count_text(len(self.pairing.configuration), "pair")
                 why = (

@@ -1,7 +1,7 @@
 """Pairing of the runs of two campaigns."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -37,6 +37,7 @@ class Pairing:
         ambiguous: Names in the later campaign of configurations with several possible counterparts.
         oracles: Oracles of both campaigns, which judge the pairs.
         lonely_before, lonely_after: Runs of paired configurations whose seed the other campaign lacks.
+        other_seeds: Those of them up to the other's last run of the configuration: it has their numbers, with other seeds.
         block: (M,) unit of each match, see `Units`.
         configuration: (P,) index into `matches`.
         run_before, run_after: (P,) run index.
@@ -50,6 +51,7 @@ class Pairing:
     oracles: tuple[str, ...]
     lonely_before: int
     lonely_after: int
+    other_seeds: int
     block: NDArray[np.int64] = field(repr=False)
     configuration: NDArray[np.int64] = field(repr=False)
     run_before: NDArray[np.int64] = field(repr=False)
@@ -74,7 +76,17 @@ class Pairing:
             (self.lonely_before, "run", "of A with a seed that B has not"),
             (self.lonely_after, "run", "of B with a seed that A has not"),
         )
-        return ", ".join(f"{n:,} {noun}{'' if n == 1 else 's'} {where}" for n, noun, where in found if n)
+        return _counted(found)
+
+    @property
+    def refused(self) -> str:
+        """Words for what is unpaired and could hide a loss, with its remedy; may be empty."""
+        found = (
+            (len(self.only_before), "configuration", "only in A (run a baseline with B's configurations)"),
+            (len(self.ambiguous), "configuration", "in B with several counterparts in A (keep their names)"),
+            (self.other_seeds, "run", "with other seeds (give both campaigns one `execution.seed`)"),
+        )
+        return _counted(found)
 
     def no_longer_judged(self, oracle: str | None = None) -> int:
         before, after = self.judged(oracle)
@@ -100,6 +112,7 @@ def pairing_of(before: Tables, after: Tables) -> Pairing:
         tables.verdicts.judgements[:, [tables.oracles.index(name) for name in oracles]] for tables in (before, after)
     )
     common = then.merge(now, on=["match", "seed"], suffixes=("_before", "_after"))
+    sides = ((then, now, common["run_index_before"]), (now, then, common["run_index_after"]))
     paired = common.dropna(subset=["row_before", "row_after"]).sort_values("match", kind="stable")
     return Pairing(
         matches=tuple(matches),
@@ -109,6 +122,7 @@ def pairing_of(before: Tables, after: Tables) -> Pairing:
         oracles=oracles,
         lonely_before=len(then) - len(common),
         lonely_after=len(now) - len(common),
+        other_seeds=sum(_other_seeds(side, other, common.assign(run_index=index)) for side, other, index in sides),
         block=np.array([after.blocks[match.after] for match in matches], dtype=np.int64),
         configuration=paired["match"].to_numpy(np.int64),
         run_before=paired["run_index_before"].to_numpy(np.int64),
@@ -116,6 +130,16 @@ def pairing_of(before: Tables, after: Tables) -> Pairing:
         said_before=said_before[paired["row_before"].to_numpy(np.int64)],
         said_after=said_after[paired["row_after"].to_numpy(np.int64)],
     )
+
+
+def _counted(found: Iterable[tuple[int, str, str]]) -> str:
+    return ", ".join(f"{n:,} {noun}{'' if n == 1 else 's'} {where}" for n, noun, where in found if n)
+
+
+def _other_seeds(side: "pd.DataFrame", other: "pd.DataFrame", common: "pd.DataFrame") -> int:
+    keys = ["match", "run_index"]
+    lonely = side[~side.set_index(keys).index.isin(common.set_index(keys).index)]
+    return int((lonely["run_index"] <= lonely["match"].map(other.groupby("match")["run_index"].max())).sum())
 
 
 def _others(tables: Tables, names: set[str]) -> tuple[str, ...]:

@@ -106,6 +106,7 @@ ALIKE = same("p" * 10)
 LONG = same("p" * 40)
 FEWER = same("p" * 40, configurations=11)
 SHORTER = {**LONG, "c3": (3, 0, "p" * 39)}
+STOPPED = {**LONG, "c3": (3, 0, "p" * 9), "c5": (5, 0, "f" * 12)}
 HALF = same("n" * 20 + "p" * 20)
 PATHS = same("pp", configurations=36)
 WIDE = ("--margin", 0.5)
@@ -125,10 +126,11 @@ GATES = [
     (ALIKE, ALIKE, (*OTHERS, "--margin", 0), 4, "no number of situations is enough"),
     (PATHS, PATHS, (*OTHERS, "--margin", 0.1), 0, "gate holds"),
     (PATHS, PATHS, (*OTHERS, "--margin", 0.09), 4, "gate can't be claimed"),
-    (LONG, FEWER, WIDE, 1, "gate does not hold: 1 configuration only in A; both campaigns need the same"),
-    (FEWER, LONG, WIDE, 1, "gate does not hold: 1 configuration only in B; both campaigns need the same"),
-    (LONG, SHORTER, WIDE, 1, "gate does not hold: 1 run of A with a seed that B has not; both campaigns need the same"),
-    (SHORTER, LONG, WIDE, 1, "gate does not hold: 1 run of B with a seed that A has not; both campaigns need the same"),
+    (LONG, FEWER, WIDE, 1, "could not pair 1 configuration only in A (run a baseline with B's configurations)"),
+    (FEWER, LONG, WIDE, 0, "gate holds"),
+    (LONG, SHORTER, (), 0, "gate holds"),
+    (SHORTER, LONG, (), 0, "gate holds"),
+    (STOPPED, {**STOPPED, "c3": (3, 1, "p" * 40), "c4": (4, 1, "p" * 9)}, (), 0, "gate holds"),
     (LONG, same("n" + "p" * 39), ("--margin", 0.03), 0, "gate holds"),
     (LONG, same("nn" + "p" * 38), ("--margin", 0.03), 1, "judged both times and 24 only in A"),
     (HALF, HALF, WIDE, 1, "gate does not hold: of 480 pairs, 240 were judged both times and 0 only in A"),
@@ -140,6 +142,19 @@ GATES = [
 def test_gate_exits_with_own_code_and_reason(tmp_path, then, now, options, exit_code, words):
     result = compared(write(tmp_path / "then", then), write(tmp_path / "now", now), "--gate", *options)
     assert (result.exit_code, words in result.stdout) == (exit_code, True), result.output
+
+
+def test_gate_refuses_runs_with_other_seeds_and_says_what_to_do(tmp_path):
+    before, after = write(tmp_path / "a", LONG), write(tmp_path / "b", LONG)
+    runs = pq.read_table(after / "runs.parquet").to_pylist()
+    for run in runs[2:5]:
+        run["seed"] += "x"
+    pq.write_table(pa.Table.from_pylist(runs, RUNS), after / "runs.parquet")
+    result = compared(before, after, "--gate", *WIDE)
+    assert result.exit_code == 1
+    assert "could not pair 6 runs with other seeds (give both campaigns one `execution.seed`)" in " ".join(
+        result.stdout.split()
+    )
 
 
 @each_row(
