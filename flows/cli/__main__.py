@@ -30,7 +30,7 @@ from vastflow.flows.cli.scenario import scenario
 from vastflow.flows.cli.show import show
 from vastflow.flows.cli.store import store
 from vastflow.flows.cli.validate import validate
-from vastflow.flows.terminal.ending import BAD_INPUT
+from vastflow.flows.terminal.ending import BAD_INPUT, print_error
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.engine.process import few_collections, return_freed_memory
 
@@ -78,7 +78,7 @@ class Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except UserError as error:
-            print(error, file=sys.stderr)
+            print_error(error)
             raise typer.Exit(BAD_INPUT) from None
         except SystemExit as error:
             print(f"a plug-in's code raised SystemExit({error.code!r}), which would end vastflow", file=sys.stderr)

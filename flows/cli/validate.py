@@ -7,9 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from vastflow.flows.terminal.ending import BAD_INPUT
+from vastflow.flows.terminal.ending import BAD_INPUT, print_error
 from vastflow.flows.terminal.options import CampaignFile, asking
 from vastflow.flows.terminal.progress import count_text
+from vastflow.sim.model.faults import FileError
 
 
 def _print_schema(asked: bool) -> None:
@@ -56,14 +57,12 @@ def validate(
         print(line)
     for note in infeasible:
         print(note)
-    for fault in campaign.unexecutable:
-        print(fault, file=sys.stderr)
     if campaign.unexecutable:
+        print_error(FileError(campaign.unexecutable))
         print("this version can't run the file", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)
     if campaign.missing:
-        for fault in campaign.missing:
-            print(fault, file=sys.stderr)
+        print_error(FileError(campaign.missing))
         lost = count_text(len(campaign.unavailable), "family", "families")
         print(f"{lost} left out because of missing files, {len(campaign.families)} left to run", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)

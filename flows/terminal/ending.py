@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -14,13 +14,15 @@ from typing import Any, Final, Self
 
 import typer
 
-from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.faults import FileError, Place, UserError
 
 BAD_INPUT: Final = 2
 """Exit code of a user's mistake, wrong options included."""
 FAULT: Final = 3
 """Exit code of a broken run, worker, Prefect, or plug-in."""
 INTERRUPTED: Final = 130
+_EXCERPT: Final = 150
+"""Characters of a line that are shown."""
 
 
 class Interruptible:
@@ -65,6 +67,29 @@ class Interruptible:
             if not self._said:
                 self._said = True
                 self._say(self._last_words)
+
+
+def print_error(error: UserError) -> None:
+    """Print a user's mistakes to stderr, each with its line of the file and a caret below its column."""
+    for fault in error.faults if isinstance(error, FileError) else ():
+        print(fault, *_excerpt(fault.place), sep="\n", file=sys.stderr)
+    if not isinstance(error, FileError):
+        print(error, file=sys.stderr)
+
+
+def _excerpt(place: Place) -> Iterator[str]:
+    if place.line < 1 or (place.line, place.column) == (1, 1):  # of the file as a whole
+        return
+    with suppress(OSError, ValueError, IndexError):
+        from rich.cells import cell_len
+
+        from vastflow.sim.model.files import read_text
+
+        line = read_text(place.file).split("\n")[place.line - 1]
+        start = max(0, place.column - _EXCERPT // 2)
+        shown = "".join(each if each.isprintable() else " " for each in line[start : start + _EXCERPT])
+        yield f"  {place.line} | {shown}"
+        yield f"  {' ' * len(str(place.line))} | {' ' * cell_len(shown[: place.column - 1 - start])}^"
 
 
 @contextmanager

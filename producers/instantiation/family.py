@@ -133,7 +133,9 @@ class FamilyReader:
         links, whole = self._chain((*location, "variations"), system)
         constraints = self._constraints(location)
         flow = DataFlow(self._document, location, places, links)
-        self._check_fixed(flow, values, tags, system)
+        good = self._check_fixed(flow, values, tags, system)
+        if self._abstract:
+            self._note_unread(flow, tags, good, self._abstract, whole=whole)
         unknown = self._document.value(location).keys() - FamilySpec.model_fields.keys()
         if whole and all(map(is_tolerated_in_family, unknown)):  # what could not be read may write anything
             self._check_flow(flow, constraints)
@@ -158,10 +160,8 @@ class FamilyReader:
             self.unavailable[name] = own
             del self.faults[known_faults:]
         elif not own:
-            if self._abstract:
-                self._note_unread(flow, tags, system, self._abstract)
-                if self._abstract.in_world and self._refuse_empty:
-                    self._check_poses(flow, Partial(name, values, tags), system, start_check)
+            if self._abstract and self._abstract.in_world and self._refuse_empty:
+                self._check_poses(flow, Partial(name, values, tags), system, start_check)
             self._note_remarks(links)
             self.faults += constraint_faults(family, refuse_empty=self._refuse_empty)
         return family
@@ -252,7 +252,8 @@ class FamilyReader:
         values: Mapping[str, Value],
         tags: Mapping[str, Dimension],
         system: Mapping[str, Value],
-    ) -> None:
+    ) -> Mapping[str, Value]:
+        """Report fixed values that are wrong, and return the system without them."""
         complaints = {key: self._complaint(key, value, tags[key], system) for key, value in values.items()}
         for key, complaint in complaints.items():
             if complaint:
@@ -269,8 +270,10 @@ class FamilyReader:
             key, complaint = found
             section = ROBOT_KEY if key.startswith(f"{ROBOT_KEY}.") and key in flow.fixed else "parameters"
             self._fault((*flow.location, section), *complaint, at="key")
+            good.pop(key, None)
         for _, complaint in mask_complaints(good, flow.written):
             self._fault((*flow.location, "parameters"), *complaint, at="key")
+        return good
 
     def _complaint(self, key: str, value: Value, dimension: Dimension, system: Mapping[str, Value]) -> Complaint | None:
         """Return the simulator's complaint about a value, else the scenario's."""
@@ -376,8 +379,15 @@ class FamilyReader:
             self.notes.append(note)
 
     def _note_unread(
-        self, flow: DataFlow, tags: Mapping[str, Dimension], system: Mapping[str, Value], abstract: AbstractScenario
+        self,
+        flow: DataFlow,
+        tags: Mapping[str, Dimension],
+        system: Mapping[str, Value],
+        abstract: AbstractScenario,
+        *,
+        whole: bool,
     ) -> None:
+        """Report keys that nothing reads; without the `whole` chain, only those that are misspelled."""
         places, links = flow.fixed, flow.links
         read = {key for link in links for key in link.producer.reads}
         read |= {*abstract.parameters, *abstract.goal_keys(flow.written)}
@@ -399,7 +409,8 @@ class FamilyReader:
                 self._fault(written[key], f"unknown key {key!r}", f"did you mean {near!r}?", at="key")
                 continue
             what = f"unknown key {key!r} is ignored{', unless it lists obstacles' if key in untold else ''}"
-            self.notes.append(self._document.note("unknown key", written[key], what))
+            if whole:
+                self.notes.append(self._document.note("unknown key", written[key], what))
         if "mesh_file" in places:
             where, consequence = places["mesh_file"], "the map alone is the world"
             self.notes.append(self._document.note("not executed", where, NOT_EXECUTED, consequence))

@@ -174,6 +174,9 @@ def yaml_node(text: str) -> Node | None:
         place = _place_at(error.problem_mark or error.context_mark)
         if error.problem == "exceeded maximum nesting depth":  # PyYAML since 6.0.4, which scans ahead of the events
             raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels", place) from None
+        rest = "".join(text.split("\n")[place[0] - 1 : place[0]])[place[1] - 1 :]
+        if rest.startswith("\t") or "tab character" in str(error.problem):
+            raise Unreadable("got a tab", "spaces, as YAML allows no tabs for indentation", place) from None
         what = ", ".join(filter(None, (error.context, error.problem)))
         raise Unreadable(f"not YAML: {what}", NOT_YAML, place) from None
     except yaml.YAMLError as error:  # ReaderError: a character that YAML has not

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 from collections import defaultdict
 from string import Template
 
@@ -80,6 +81,31 @@ def test_validate_suggests_known_key_for_misspelled_one(campaign, place, wrong, 
 def test_validate_suggests_known_key_for_misspelled_name_of_producer(campaign):
     varied = "- ParameterVariationList: {name: inflation_raduis, values: [0.3, 0.4]}"
     assert "did you mean 'inflation_radius'?" in called("validate", campaign(producers=varied)).stderr
+
+
+def test_validate_names_each_mistake_beside_values_and_producers_that_are_wrong(campaign):
+    mistakes = ["inflation_radius: -1", "robot_raduis: 0.3", "laserscan_random_drop_percentage: 1.5"]
+    for path in ("", "num_paths: none"):
+        said = called("validate", campaign(parameters=", ".join(mistakes), path=path)).stderr
+        expected = [*(each.partition(":")[0] for each in mistakes), *(["num_paths"] if path else [])]
+        assert [name for name in expected if f"{name}: " not in said and f"{name}'" not in said] == []
+        assert "unknown key 'robot_raduis'; did you mean 'robot_radius'?" in said
+
+
+def test_validate_shows_line_with_caret_below_mistake(campaign):
+    file = campaign(lengths="'long\u202e way'")
+    fault, line, caret = called("validate", file).stderr.splitlines()
+    row, column = map(int, re.search(r":(\d+):(\d+): ", fault).groups())
+    text = file.read_text().splitlines()[row - 1]
+    assert line == f"  {row} | {text.replace(chr(0x202E), ' ')}"
+    assert caret.index("^") - line.index("|") - 2 == column - 1 == text.index("'long")
+
+
+@each_row("text", ["version: 1\nconfiguration:\n\t- name: x\n", "version: 1\nconfiguration:\n  - name: x\n\t  y: 1\n"])
+def test_validate_calls_a_tab_a_tab(tmp_path, text):
+    file = tmp_path / "tab.vast"
+    file.write_text(text)
+    assert refused("validate", file).endswith("expected spaces, as YAML allows no tabs for indentation, got a tab")
 
 
 def test_strict_refuses_unknown_key_that_resembles_none(campaign):

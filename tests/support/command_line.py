@@ -16,10 +16,10 @@ def called(*arguments, **environment):
 
 
 def refused(*arguments):
-    """Return the only line of a call that ends with exit code 2."""
+    """Return the only line of a call that ends with exit code 2, without the excerpt of a file that follows."""
     result = called(*arguments)
     assert (result.exit_code, result.stdout) == (2, ""), result.output
-    (line,) = result.stderr.splitlines()
+    (line,) = (each for each in result.stderr.splitlines() if not each.startswith("  "))
     assert "Traceback" not in line
     return line
 
