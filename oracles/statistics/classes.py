@@ -258,7 +258,7 @@ class StoppingRule:
     @cached_property
     def decided(self) -> NDArray[np.bool_]:
         """(max_runs + 1, max_runs + 1) whether a class is decided, by judged runs and passes."""
-        return np.stack(self._lattice) != _OPEN
+        return np.not_equal(np.stack(self._lattice), _OPEN)
 
     def operating_characteristics(self, p: ArrayLike, runs_per_look: int = 1) -> OperatingCharacteristics:
         """Exact operating characteristics at rates `p` (k,), with `runs_per_look` runs between two looks."""

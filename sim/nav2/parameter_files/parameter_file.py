@@ -176,4 +176,4 @@ def _content_digest(document: ParameterDocument) -> str:
     plug_ins = {name: snapshot.digest for name, snapshot in document.plug_ins.items()}
     robots = robots_of(document)  # without a namespace of the campaign's the first counts
     more: list[Value] = [plug_ins, robots if len(robots) > 1 else ()]
-    return digest(sorted(map(dotted, nodes)), values, *filter(None, more))
+    return digest(sorted(map(dotted, nodes)), values, *(part for part in more if part))
