@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from vastflow.flows.cli.run import asked_request
-from vastflow.flows.request.run_request import NAMES, USE_A_CLUSTER, command_line
+from vastflow.flows.request.run_request import NAMES, command_line
 from vastflow.flows.terminal.ending import FAULT
 from vastflow.flows.terminal.options import CampaignFile, Context, DryRun, asking
 from vastflow.sim.model.faults import UserError
@@ -64,7 +64,6 @@ def deploy(
         ),
     ] = None,
     operator: Annotated[bool, typer.Option("--operator", help="With --kubernetes: use the Dask operator.")] = False,
-    shards_in: Annotated[str | None, typer.Option(hidden=True)] = None,
     dry_run: DryRun = False,
     format_: Annotated[
         Format | None,
@@ -79,8 +78,6 @@ def deploy(
     A worker of the pool then runs the whole campaign on its machine. With --cluster it drives the campaign, and the
     workers of that Dask cluster compute the runs.
     """
-    if shards_in is not None:
-        raise UserError(f"--shards-in: {USE_A_CLUSTER}")
     given = [name for name, value in (("--pool", pool), ("--format", format_), ("--kubernetes", kubernetes)) if value]
     if len(given) != 1:
         raise UserError(f"expected one of --pool, --format, and --kubernetes, got {' and '.join(given) or 'none'}")

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 from inspect import Parameter
 from typing import Annotated, Any, Final, Self, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator
 
 from vastflow.tasks.store.artifact import public_address
 
@@ -92,21 +92,8 @@ class RunRequest(BaseModel):
         named = {name: getattr(self, name) for name in ("store", "results", "cluster", "reports")}
         return self.model_copy(update={name: public_address(place) for name, place in named.items() if place})
 
-    @model_validator(mode="before")
-    @classmethod
-    def _current(cls, fields: Any) -> Any:
-        if isinstance(fields, Mapping) and (old := next(filter(fields.get, RETIRED), None)):
-            raise ValueError(f"{old}: {USE_A_CLUSTER}")
-        return fields
-
 
 _CLUSTER: Final = re.compile(r"(tcp|tls|ws|wss|ucx|inproc)://\S+|local:[1-9]\d*")
-
-RETIRED: Final = ("pool", "shards", "pool_wait_s", "bundle")
-USE_A_CLUSTER: Final = (
-    "work pools run whole campaigns and no longer compute shards; to share the runs of a campaign, start a Dask cluster and "
-    "give its address with --cluster"
-)
 
 NAMES: Final = tuple(name for name in RunRequest.model_fields if name != "campaign")
 """Options of a request: all fields but the campaign file."""
@@ -119,7 +106,7 @@ def request_of(campaign: "str | os.PathLike[str] | RunRequest", options: Mapping
         ValueError: an option is out of its bounds, in words such as `runs is at least 1, got 0`.
         TypeError: there is no such option.
     """
-    if unknown := sorted(options.keys() - {*NAMES, *RETIRED}):
+    if unknown := sorted(options.keys() - {*NAMES}):
         raise TypeError(f"expected an option of {', '.join(NAMES)}, got {unknown[0]!r}")
     try:
         if isinstance(campaign, RunRequest):

@@ -17,12 +17,10 @@ from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import (
     ClassBounds,
     Classes,
-    Savings,
     StoppingRule,
     TotalFailures,
     classes_by,
     classify,
-    runs_saved,
     total_failures,
 )
 from vastflow.oracles.statistics.dispersion import Dispersion, chance_of_at_least, dispersion
@@ -116,7 +114,7 @@ class Findings:
         counts: (m, 3) passed, failed, and unjudged runs.
         dispersion: None where nothing was judged.
         weighted: The rate with duplicates counted; None without duplicates.
-        savings: Runs saved by stopping early; None for a fixed number of runs.
+        saved: Runs done, and the most that a stopping rule allows; None for a fixed number of runs.
         reliable_chance: (m,) probability of being reliable, see `chance_of_at_least`.
     """
 
@@ -127,7 +125,7 @@ class Findings:
     dispersion: Dispersion | None
     designs: tuple[Design, ...]
     weighted: WeightedRate | None
-    savings: Savings | None
+    saved: Mapping[str, int] | None
     reliable_chance: NDArray[np.float64] = field(repr=False)
 
     @property
@@ -144,7 +142,7 @@ def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -
     counts = tables.verdicts.counts(None)[found.distinct]
     passed, judged = counts[:, 0], counts[:, 0] + counts[:, 1]
     rule = stopping_rule(tables.metadata)
-    spread = dispersion(passed, judged, blocks=[tables.blocks[name] for name in names])
+    spread = dispersion(passed, judged)
     bound = (rule.bounds if rule is not None else ClassBounds()).reliable
     weighted = None
     if any(found.duplicate_of):
@@ -159,7 +157,7 @@ def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -
         spread,
         tuple(_designs(tables, passed, judged, environments or {})),
         weighted,
-        None if rule is None else runs_saved(rule, counts.sum(axis=1)),
+        None if rule is None else {"runs": int(counts.sum()), "most": len(names) * rule.max_runs},
         chance_of_at_least(bound, passed, judged, spread),
     )
 
@@ -208,7 +206,7 @@ def findings_json(findings: Findings) -> dict[str, Any]:
             for design in findings.designs
         ],
         "weighted": _plain(findings.weighted),
-        "saved": _plain(findings.savings),
+        "saved": findings.saved,
     }
 
 

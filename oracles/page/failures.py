@@ -32,9 +32,7 @@ def why_section(facts: Facts) -> Section | None:
         return None
     rows = [
         [
-            row["oracle"],
-            Markup("{} <small>(for example)</small>").format(row["reason"]) if row["reasons"] > 1 else row["reason"],
-            row["runs"],
+            *(row["oracle"], first_of(row), row["runs"]),
             percent(row["runs"] / facts.evidence[row["oracle"]].campaign.counts.failed),
             row["configurations"],
         ]
@@ -80,6 +78,12 @@ def failed_section(facts: Facts) -> Section | None:
 def kind_of(reason: str) -> str:
     """The kind of a reason: its text without numbers."""
     return _NUMBER.sub("#", reason)
+
+
+def first_of(kind: Mapping[str, Any]) -> str:
+    """The first reason of a kind, marked where there are others."""
+    reason: str = kind["reason"]
+    return Markup("{} <small>(for example)</small>").format(reason) if kind["reasons"] > 1 else reason
 
 
 def failure_kinds(failures: pd.DataFrame) -> list[Mapping[str, Any]]:

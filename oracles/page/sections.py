@@ -19,7 +19,7 @@ from vastflow.oracles.judgement.cause import CAUSES
 from vastflow.oracles.judgement.registry import known_oracles, oracle_class
 from vastflow.oracles.page import pictures
 from vastflow.oracles.page.facts import Facts
-from vastflow.oracles.page.failures import kind_of
+from vastflow.oracles.page.failures import first_of, kind_of
 from vastflow.oracles.page.section import (
     MAX_ROWS,
     Block,
@@ -220,16 +220,32 @@ def coverage_section(facts: Facts) -> Section | None:
     found = coverage.read_coverage(facts.tables.directory)
     listed = list(coverage.pairs(found))
     parts, families = coverage.parts(found), found["families"].items()
-    designs = (coverage.design_text(part["design"]) if "design" in part else "" for _, part in parts)
+    whole = [
+        [name if design else "Whole campaign", *coverage.counts(part), percent(part["share"]), design]
+        for name, part in parts
+        for design in [coverage.design_text(part["design"]) if "design" in part else ""]
+    ]
+    by_dimension = [
+        [row.family, row.what, row.distinct, f"{row.covered:,} of {row.admissible:,}", percent(row.share), by]
+        for row in coverage.dimensions(found)
+        for by in [", ".join(row.factors) or "–"]
+    ]
+    by_pair = [
+        [row.family, row.what, row.covered, row.admissible, row.combinations, percent(row.share)]
+        for row in listed[:MAX_ROWS]
+    ]
+    family, counted = Column("Family", "name"), columns("number", *map(str.capitalize, coverage.COUNTS), "Share")
+    covered = columns("number", "Different", "Choices covered", "Share")
+    pairs = [family, Column("Producers of"), *columns("number", "Covered", "Possible", "All", "Share")]
     values = {
-        "parts": [(*each, design) for each, design in zip(parts, designs, strict=True)],
+        "parts": Table([family, *counted, Column("Design")], whole, totals=[len(whole) - 1] if len(whole) > 1 else []),
         "excluded": list(coverage.excluded(found)),
         "unrealisable": [
             (f, by, said["count"]) for f, part in families for by, said in part["unrealisable_by"].items()
         ],
-        "dimensions": list(coverage.dimensions(found)),
+        "dimensions": Table([family, Column("Dimension"), *covered, Column("Written by")], by_dimension),
         "t_way": found["t_way"],
-        "pairs": listed[:MAX_ROWS],
+        "pairs": Table(pairs, by_pair),
         "pairs_left_out": len(listed[MAX_ROWS:]) + coverage.pairs_not_listed(found),
     }
     return Section("coverage", "Coverage", "Coverage", "what became of everything that was asked for", values=values)
@@ -239,9 +255,19 @@ def untested_section(facts: Facts) -> Section:
     """Rejections, runs that were not judged, faults, duplicates, and notes."""
     said = facts.tables.verdicts.reasons("not judged").groupby(["oracle", "reason"], observed=True, sort=False)
     unjudged = said.configuration.agg(runs="size", configurations=lambda names: list(names.unique()))
+    not_judged = [
+        [oracle, runs, reason, ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")]
+        for (oracle, reason), (runs, names) in zip(unjudged.index, unjudged.to_numpy(), strict=True)
+    ]
+    rejected = [
+        [row["family"], row["producer"], row["times"], first_of(row), row["requested"]]
+        for row in rejection_rows(facts.tables.rejections)
+    ]
+    times, runs = columns("number", "Times", "Runs")
+    head = [Column("Family", "name"), Column("Producer"), times, Column("Why", "long"), Column("Requested")]
     values = {
-        "rejections": rejection_rows(facts.tables.rejections),
-        "not_judged": unjudged.reset_index().to_dict("records"),
+        "rejections": Table(head, rejected[:MAX_ROWS]),
+        "not_judged": Table([Column("Oracle"), runs, Column("Why"), Column("Configurations")], not_judged[:MAX_ROWS]),
         "duplicates": list(facts.tables.configurations.duplicates.items()),
         "max_rows": MAX_ROWS,
     }
@@ -274,7 +300,10 @@ def rejection_rows(rejections: Sequence[Mapping[str, Any]]) -> list[Mapping[str,
             reason=("reason", "first"),
             reasons=("reason", "nunique"),
             times=("reason", "size"),
-            requested=("requested", lambda texts: list(dict.fromkeys(map(_request, texts[:3])))),
+            requested=(
+                "requested",
+                lambda texts: "; ".join(dict.fromkeys([*map(_request, texts[:3]), *["…"][: len(texts) - 3]])),
+            ),
         )
         .reset_index()
         .to_dict("records")

@@ -1,7 +1,7 @@
 """Analysis of factors and of their pairs: effects on the failure rate, and whether these are shown."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vastflow.oracles.results.factors import Dropped, Factor
-from vastflow.oracles.statistics.effects import Claim, FactorEffect, FactorModel, InteractionEffect, repetition
-from vastflow.oracles.statistics.intervals import Floats, counts
+from vastflow.oracles.statistics.effects import Claim, FactorEffect, FactorModel, InteractionEffect
+from vastflow.oracles.statistics.intervals import counts
 from vastflow.oracles.statistics.linear import Contrasts
 
 if TYPE_CHECKING:
@@ -19,23 +19,6 @@ if TYPE_CHECKING:
 E = TypeVar("E", bound="DataclassInstance")
 LEAST_DRAWS: Final = 999
 MOST_DRAWS: Final = 9999
-
-
-@dataclass(frozen=True, slots=True)
-class Variance:
-    """Shares of the variance of a run's outcome, which sum to 1.
-
-    Attributes:
-        repetition: Differences between runs of one configuration.
-        factors: Differences between configurations by the factors, effects added up.
-        interactions: By the significant pairs beyond that.
-        unexplained: Other differences between configurations.
-    """
-
-    repetition: float
-    factors: float
-    interactions: float
-    unexplained: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +36,6 @@ class FactorAnalysis:
     interactions: tuple[InteractionEffect, ...]
     path_properties: tuple[FactorEffect, ...]
     dropped: tuple[Dropped, ...]
-    variance: Variance = field(repr=False)
     configurations: int
     blocks: int
     error: float
@@ -130,7 +112,6 @@ def factor_analysis(
         tuple(sorted(effects, key=lambda effect: (_certainty(effect.claim), -abs(effect.departure)))),
         tuple(sorted(around, key=lambda effect: (_certainty(effect.others), -effect.difference))),
         (*dropped, *lost),
-        _variance(rates, runs, model, effects),
         len(rates),
         len(contrasts.sizes),
         error,
@@ -174,14 +155,3 @@ def _present(factor: Factor, some: NDArray[np.bool_]) -> Factor | None:
     levels = tuple(factor.levels[k] for k in used)
     values = None if factor.values is None else factor.values[some]
     return Factor(factor.name, levels, np.where(codes >= 0, np.searchsorted(used, codes), -1).astype(np.int64), values)
-
-
-def _variance(rates: Floats, n: Floats, model: FactorModel, pairs: Sequence[InteractionEffect]) -> Variance:
-    by_chance, between = float(repetition(rates, n).mean()), model.between
-    whole = by_chance + between
-    if whole <= 0.0:
-        return Variance(0.0, 0.0, 0.0, 0.0)
-    by_factors = min(between, model.margins.explained)
-    by_pairs = min(between - by_factors, sum(pair.share for pair in pairs if pair.claim.shown) * between)
-    rest = max(0.0, between - by_factors - by_pairs)
-    return Variance(by_chance / whole, by_factors / whole, by_pairs / whole, rest / whole)

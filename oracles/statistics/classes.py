@@ -183,28 +183,6 @@ class OperatingCharacteristics(NamedTuple):
     expected_runs: Floats
 
 
-@dataclass(frozen=True, slots=True)
-class Savings:
-    """Runs saved by a rule.
-
-    Attributes:
-        runs: Runs done.
-        most: Runs if every configuration had the largest number.
-    """
-
-    runs: int
-    most: int
-
-    @property
-    def saved(self) -> int:
-        return self.most - self.runs
-
-    @property
-    def share(self) -> float:
-        """Saved share of `most`; 0 for no runs."""
-        return self.saved / self.most if self.most else 0.0
-
-
 @dataclass(frozen=True)
 class StoppingRule:
     """End the runs of a configuration when its class is decided.
@@ -258,7 +236,7 @@ class StoppingRule:
     @cached_property
     def decided(self) -> NDArray[np.bool_]:
         """(max_runs + 1, max_runs + 1) whether a class is decided, by judged runs and passes."""
-        return np.not_equal(np.stack(self._lattice), _OPEN)
+        return np.asarray(np.stack(self._lattice) != _OPEN)
 
     def operating_characteristics(self, p: ArrayLike, runs_per_look: int = 1) -> OperatingCharacteristics:
         """Exact operating characteristics at rates `p` (k,), with `runs_per_look` runs between two looks."""
@@ -348,12 +326,6 @@ def classes_by(rule: StoppingRule, passed: ArrayLike, judged: ArrayLike) -> Clas
         f"(sequential tests, {rule.min_runs} to {rule.max_runs} runs)"
     )
     return Classes(names, np.full(len(names), np.nan), rule.error, controls)
-
-
-def runs_saved(rule: StoppingRule, runs: ArrayLike) -> Savings:
-    """Runs saved by `rule`, from the number of runs (m,) of each configuration."""
-    done = np.asarray(runs)
-    return Savings(int(done.sum()), int(done.size) * rule.max_runs)
 
 
 def _characteristics(

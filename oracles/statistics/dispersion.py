@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vastflow.oracles.statistics.intervals import Floats, Interval, clustered_interval, counts
+from vastflow.oracles.statistics.intervals import Floats, counts
 
 _LEAST_SIZE: Final = 1e-6
 _LARGEST_SIZE: Final = 1e7
@@ -28,7 +28,6 @@ class Dispersion:
         icc_moments: By analysis of variance; negative where configurations differ less than by chance.
         p_value: Of Tarone's one-sided test of no over-dispersion.
         design_effect: Variance of the mean over that of independent runs.
-        interval: Of the rate of other configurations of their kind; None for fewer than two.
     """
 
     configurations: int
@@ -39,10 +38,9 @@ class Dispersion:
     icc_moments: float | None
     p_value: float
     design_effect: float | None
-    interval: Interval | None
 
 
-def dispersion(passed: ArrayLike, judged: ArrayLike, blocks: ArrayLike | None = None) -> Dispersion | None:
+def dispersion(passed: ArrayLike, judged: ArrayLike) -> Dispersion | None:
     """Fit a beta-binomial distribution to configurations; None where nothing was judged.
 
     Maximum likelihood (Skellam, JRSS B 10 (1948) 257) started at the moments (Ridout, Demétrio and Firth, Biometrics 55 (1999) 137);
@@ -50,10 +48,8 @@ def dispersion(passed: ArrayLike, judged: ArrayLike, blocks: ArrayLike | None = 
 
     Args:
         passed, judged: (m,) counts, one entry a configuration.
-        blocks: (m,) as of `clustered_interval`, for `interval` alone.
     """
     x, n = counts(passed, judged)
-    interval = clustered_interval(x, n, blocks=blocks)
     x, n = x[n > 0], n[n > 0]
     if not len(n):
         return None
@@ -73,7 +69,7 @@ def dispersion(passed: ArrayLike, judged: ArrayLike, blocks: ArrayLike | None = 
             alpha, beta = fit
             icc = 1.0 / (alpha + beta + 1.0)
         effect = 1.0 + (float((n * n).sum()) / total - 1.0) * icc
-    return Dispersion(len(n), mean, alpha, beta, icc, moments, _tarone(x, n), effect, interval)
+    return Dispersion(len(n), mean, alpha, beta, icc, moments, _tarone(x, n), effect)
 
 
 def _icc_by_moments(x: Floats, n: Floats) -> float | None:

@@ -63,7 +63,6 @@ class FactorEffect:
     Attributes:
         highest, lowest: Levels with the highest and the lowest adjusted failure rate.
         difference: Between the two.
-        share: Of the variance between configurations that the factor explains beyond the others, repetition noise removed.
         these: Whether it has an effect on these situations, see `Matched`.
         others: Whether it has a mean effect on other situations like these, by permutations within situations or else by `Contrasts`;
             for a number with a trend, twice the smaller p-value of levels and trend (Bonferroni).
@@ -79,7 +78,6 @@ class FactorEffect:
     highest: str
     lowest: str
     difference: float
-    share: float
     these: Claim
     others: Claim
     situations: int = 0
@@ -117,14 +115,12 @@ class InteractionEffect:
     Attributes:
         cells: Existing pairs of levels.
         departure: `rate` - `expected` of the cell where that stands out most.
-        share: Of the variance between configurations.
         claim: Whether they act together.
     """
 
     names: tuple[str, str]
     cells: tuple[LevelPair, ...]
     departure: float
-    share: float
     claim: Claim
 
 
@@ -137,7 +133,6 @@ class FactorModel:
 
     Attributes:
         margins: The fitted model.
-        between: Variance, at least 0, of the true rates of configurations, without the noise of repetitions.
     """
 
     def __init__(self, factors: Sequence[Factor], contrasts: Contrasts, runs: Floats, error: float) -> None:
@@ -151,8 +146,6 @@ class FactorModel:
         self._constant = np.column_stack([np.ones(len(runs)), *missing])
         self._matrix = np.column_stack([self._constant, *self._columns.values()])
         self.margins = Margins(self._matrix, contrasts.response)
-        noise = repetition(contrasts.response, runs) / runs
-        self.between = max(0.0, float(contrasts.response.var(ddof=1)) - float(noise.mean()))
 
     def effect(self, factor: Factor, first: tuple[Floats, Floats], sets: Codes | None = None) -> FactorEffect:
         """The effect of one factor, before adjustment for other tests.
@@ -201,7 +194,6 @@ class FactorModel:
             factor.levels[high],
             factor.levels[low],
             float(means[high] - means[low]),
-            self._share(tested),
             Claim(None, "no matched configurations") if both is None else Claim(both.p_value),
             claim,
             0 if both is None else len(np.unique(situations)),
@@ -237,7 +229,7 @@ class FactorModel:
         most = max(cells, key=lambda cell: abs(cell.rate - cell.expected) * np.sqrt(cell.configurations), default=None)
         departure = most.rate - most.expected if most else 0.0
         claim = Claim(tested.p_value, tested.why, least=tested.least)
-        return InteractionEffect((a.name, b.name), tuple(cells), departure, self._share(tested), claim)
+        return InteractionEffect((a.name, b.name), tuple(cells), departure, claim)
 
     def _points(self, factor: Factor) -> Floats:
         """The usual configuration at each level, (L, columns)."""
@@ -248,9 +240,6 @@ class FactorModel:
         first = self._constant.shape[1] + before
         points[:, first : first + count - 1] = np.eye(count)[:, 1:]
         return points
-
-    def _share(self, tested: Tested) -> float:
-        return min(1.0, tested.variance / self.between) if self.between > 0 else 0.0
 
     def _by_situation(self, within: Factor, between: Factor) -> Tested:
         """Test whether the effect of a factor within blocks depends on a factor that varies between blocks.
@@ -278,15 +267,8 @@ class FactorModel:
         p_values = [each.p_value for each in found if each.p_value is not None]
         if len(p_values) < len(found):
             return Tested(None, why=f"cannot be told from {situations} situations")
-        variance, least = sum(each.variance for each in found) / levels, len(found) * min(each.least for each in found)
-        return Tested(min(1.0, len(found) * min(p_values)), found[0].degrees, variance, least=least)
-
-
-def repetition(rates: Floats, n: Floats) -> Floats:
-    """Unbiased variance (m,) of one run of each configuration; for a single run the largest possible."""
-    unknown = float(rates.mean() * (1 - rates.mean()))
-    noise: Floats = np.where(n > 1, rates * (1 - rates) * n / np.maximum(n - 1, 1), unknown)
-    return noise
+        least = len(found) * min(each.least for each in found)
+        return Tested(min(1.0, len(found) * min(p_values)), found[0].degrees, least=least)
 
 
 def _is_between(factor: Factor, blocks: Codes) -> bool:

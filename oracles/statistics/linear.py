@@ -25,14 +25,12 @@ class Tested:
     Attributes:
         p_value: None where it cannot be tested, and `why` says why.
         degrees: Independent columns beyond the others.
-        variance: Of the response, that the columns explain beyond as many columns of noise.
         least: The lowest p-value that so few blocks can give, however large the effect; 0 where blocks do not limit it.
         slope: Of a single column: its coefficient, the standard error with blocks as units, and degrees of freedom; None for few blocks.
     """
 
     p_value: float | None
     degrees: int = 0
-    variance: float = 0.0
     why: str = ""
     least: float = 0.0
     slope: tuple[float, float, float] | None = None
@@ -89,19 +87,17 @@ class Contrasts:
         if left < 1:
             return Tested(None, q, why="too few configurations")
         residual = y - basis @ (basis.T @ y)
-        total, explained = float(residual @ residual), float(((tested.T @ residual) ** 2).sum())
-        if total <= _TINY:
+        if float(residual @ residual) <= _TINY:
             return Tested(1.0, q, slope=(0.0, 0.0, left) if q == 1 else None)
         orders = self._orders_within if used else self._orders_between
         permuted = _permuted(residual, tested, basis, orders)
         robust, deviation, freedom = _robust(y, residual, tested, basis, units, left)
-        noise = max(total - explained, 0.0) / left
         least = 0.0 if used else _least(columns, others, q)
         slope = None
         if degrees == 1 and (not used or _is_clustered(q, units)):
             norm = float(left_over[:, 0] @ left_over[:, 0])
             slope = (float(left_over[:, 0] @ residual) / norm, deviation / math.sqrt(norm), freedom)
-        return Tested(max(permuted, robust), q, max(0.0, explained - q * noise) / len(y), least=least, slope=slope)
+        return Tested(max(permuted, robust), q, least=least, slope=slope)
 
     @cached_property
     def _orders_between(self) -> NDArray[np.int32]:
@@ -202,18 +198,12 @@ class Margins:
 
     Attributes:
         fitted: (m,).
-        explained: Variance of `fitted` beyond that of as many columns of noise.
     """
 
     def __init__(self, model: Floats, response: Floats) -> None:
         self._model, self._response = model, response
         self._inverse = np.linalg.pinv(model.T @ model, rcond=1e-10, hermitian=True).astype(np.float64)
         self.fitted: Floats = model @ (self._inverse @ (model.T @ response))
-        residual: Floats = response - self.fitted
-        rank = round(float(np.einsum("ij,jk,ik->", model, self._inverse, model, optimize=True)))
-        left = len(response) - rank
-        noise = float(residual @ residual) / left if left > 0 else float(response.var())
-        self.explained = max(0.0, float(self.fitted.var()) - (rank - 1) * noise / len(response))
 
     def at(self, points: Floats, groups: Sequence[NDArray[np.bool_]]) -> Floats:
         """Means (k,) at `points` (k, columns), within 0..1; `groups` are the rows with each point's level.

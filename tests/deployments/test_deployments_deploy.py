@@ -79,11 +79,6 @@ def test_deployment_to_cluster_has_resources_of_file_and_paths_of_image(file):
     assert pool["base_job_template"] == pool_template(PoolType.kubernetes)
 
 
-def test_deploy_names_new_option_instead_of_retired_one(file):
-    said = refused("deploy", file, "--pool", "lab", "--shards-in", "farm", "--dry-run")
-    assert said.startswith("--shards-in: work pools run whole campaigns") and said.endswith("with --cluster")
-
-
 def test_deploy_refuses_wrong_options_and_files(campaign_file, golden, tmp_path):
     def faults_of(case):
         options, execution = case.split("\n", 1)

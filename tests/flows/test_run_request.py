@@ -85,7 +85,7 @@ def test_command_python_call_and_flow_take_the_fields_of_a_request():
     ("options", "error", "words"),
     [
         ({"runs": 0}, ValueError, "^runs is at least 1, got 0$"),
-        ({"pool": "lab"}, ValueError, "^pool: work pools run whole campaigns .* with --cluster$"),
+        ({"pool": "lab"}, TypeError, "^expected an option of .*, got 'pool'$"),
         (
             {"cluster": "lab:8786"},
             ValueError,

@@ -109,13 +109,10 @@ def test_stopping_rule_holds_its_error_at_all_success_rates(rule):
     assert (rounds.expected_runs >= each.expected_runs).all()
 
 
-def test_classes_and_savings_of_stopped_campaign_follow_its_rule():
+def test_classes_of_stopped_campaign_follow_its_rule():
     found = classes.classes_by(classes.StoppingRule(), [14, 0, 16, 3], [14, 14, 20, 3])
     assert found.names == ("reliable", "systematic", "undecided", "undecided")
     assert "at most 5 %" in found.controls
-    saved = classes.runs_saved(classes.StoppingRule(), [14, 14, 20, 20])
-    assert (saved.runs, saved.saved, saved.share) == (68, 12, pytest.approx(0.15))
-    assert classes.runs_saved(classes.StoppingRule(), []).share == 0.0
 
 
 def pairs(*configurations, blocks=None):

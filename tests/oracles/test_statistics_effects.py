@@ -173,15 +173,6 @@ def test_analysis_needs_enough_configurations_and_factors_that_are_not_confounde
     assert by_name["a"].others.p_value is not None
 
 
-def test_variance_of_outcomes_is_divided_without_remainder():
-    # Var of a run: p(1 - p) with p = 0.4; of which 0.2² = 0.04 is the factor's.
-    rows = [{"a": k % 2} for k in range(400)]
-    found = analyzed(rows, np.random.default_rng(5).binomial(20, [0.2 + 0.4 * row["a"] for row in rows])).variance
-    assert found.repetition + found.factors + found.interactions + found.unexplained == pytest.approx(1.0)
-    assert found.factors == pytest.approx(0.04 / 0.24, abs=0.02)
-    assert found.unexplained == pytest.approx(0.0, abs=0.02)
-
-
 # Interactions
 
 
