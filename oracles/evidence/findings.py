@@ -1,8 +1,7 @@
-"""Findings: statistics of a campaign beyond its rates, and its rates with duplicates counted, as in the paper."""
+"""Findings: statistics of a campaign beyond its rates."""
 
 import math
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
@@ -24,59 +23,9 @@ from vastflow.oracles.statistics.classes import (
     total_failures,
 )
 from vastflow.oracles.statistics.dispersion import Dispersion, chance_of_at_least, dispersion
-from vastflow.oracles.statistics.intervals import Counts, Interval, clopper_pearson_intervals, clustered, pooled
-from vastflow.oracles.statistics.looks import Looks, mean_rate
+from vastflow.oracles.statistics.intervals import clopper_pearson_intervals
+from vastflow.oracles.statistics.looks import Looks
 from vastflow.oracles.statistics.measured import MetricEffect, Runs, metric_effects
-
-Weights = Mapping[str, int]
-"""Configuration to the number of requests; 1 for those not in it."""
-
-
-@dataclass(frozen=True, slots=True)
-class WeightedRate:
-    """The rate of weighted configurations.
-
-    Attributes:
-        counts: Runs, each as often as its configuration was requested.
-        rate: Weighted mean of the configurations' rates; None where nothing was judged.
-        interval: Of the rate, see `mean_rate`.
-        clustered: For other configurations of their kind, see `clustered`.
-    """
-
-    counts: Counts
-    rate: float | None
-    interval: Interval
-    clustered: Interval | None
-
-
-def weights_of(configurations: Iterable[tuple[str, str | None]]) -> dict[str, int]:
-    """Weight of each executed configuration: 1 and the number of its duplicates, from names and `duplicate_of`."""
-    return dict(Counter(duplicate_of or name for name, duplicate_of in configurations))
-
-
-def weighted_counts(counts: Mapping[str, Counts], weights: Weights) -> dict[str, Counts]:
-    """Counts with each configuration weighted by its number of requests."""
-    return {
-        name: Counts(*(weights.get(name, 1) * n for n in (each.passed, each.failed, each.not_judged)))
-        for name, each in counts.items()
-    }
-
-
-def weighted_rate(
-    counts: Mapping[str, Counts],
-    weights: Weights,
-    blocks: Mapping[str, int] | None = None,
-    looks: Looks | None = None,
-) -> WeightedRate:
-    """The rate over configurations with weights, and with block numbers if configurations share blocks."""
-    repeated = weighted_counts(counts, weights)
-    passed, judged = (np.array([getattr(each, name) for each in counts.values()]) for name in ("passed", "judged"))
-    rates = passed / np.maximum(judged, 1) if looks is None else looks.rates(passed, judged)
-    found = mean_rate(rates, judged, looks, [weights.get(name, 1) for name in counts])
-    rate, interval = found or (None, Interval(0.0, 1.0))
-    of = None if blocks is None else [blocks[name] for name in repeated]
-    return WeightedRate(pooled(repeated.values()), rate, interval, clustered(list(repeated.values()), blocks=of))
-
 
 STOPPING: Final = "sequential"
 """Key of the stopping rule in `metadata.json`: `min`, `max`, and optionally `error`, `systematic`, `reliable`."""
@@ -113,7 +62,6 @@ class Findings:
         names: The m distinct configurations.
         counts: (m, 3) passed, failed, and unjudged runs.
         dispersion: None where nothing was judged.
-        weighted: The rate with duplicates counted; None without duplicates.
         saved: Runs done, and the most that a stopping rule allows; None for a fixed number of runs.
         reliable_chance: (m,) probability of being reliable, see `chance_of_at_least`.
     """
@@ -124,7 +72,6 @@ class Findings:
     total_failures: TotalFailures
     dispersion: Dispersion | None
     designs: tuple[Design, ...]
-    weighted: WeightedRate | None
     saved: Mapping[str, int] | None
     reliable_chance: NDArray[np.float64] = field(repr=False)
 
@@ -144,11 +91,6 @@ def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -
     rule = stopping_rule(tables.metadata)
     spread = dispersion(passed, judged)
     bound = (rule.bounds if rule is not None else ClassBounds()).reliable
-    weighted = None
-    if any(found.duplicate_of):
-        each = {name: Counts(*map(int, row)) for name, row in zip(names, counts.tolist(), strict=True)}
-        weights = weights_of(zip(found.names, found.duplicate_of, strict=True))
-        weighted = weighted_rate(each, weights, tables.blocks, looks_of(tables.metadata))
     return Findings(
         tuple(names),
         counts,
@@ -156,7 +98,6 @@ def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -
         total_failures(passed, judged),
         spread,
         tuple(_designs(tables, passed, judged, environments or {})),
-        weighted,
         None if rule is None else {"runs": int(counts.sum()), "most": len(names) * rule.max_runs},
         chance_of_at_least(bound, passed, judged, spread),
     )
@@ -205,7 +146,6 @@ def findings_json(findings: Findings) -> dict[str, Any]:
             }
             for design in findings.designs
         ],
-        "weighted": _plain(findings.weighted),
         "saved": findings.saved,
     }
 

@@ -31,14 +31,7 @@ _LEGEND_IN: Final = 0.6
 _TITLE_IN: Final = 0.62
 _GAP_IN: Final = 0.12
 _JUDGEMENTS: Final[tuple[Judgement, ...]] = ("pass", "not judged", "fail")
-CROSS: Final[dict[str, Any]] = {
-    "marker": "X",
-    "markersize": 8,
-    "color": COLORS["fail"],
-    "markeredgecolor": "white",
-    "markeredgewidth": 0.9,
-    "linestyle": "none",
-}
+CROSS: Final[dict[str, Any]] = {"marker": "X", "ms": 8, "color": COLORS["fail"], "mec": "white", "mew": 0.9, "ls": ""}
 _DASHES: Final = (0, (4, 3))
 _PLAN_TITLE_IN: Final = 0.36
 _ARROW_POINTS: Final = 16.0

@@ -81,11 +81,10 @@ def draw_zones(axes: Axes, zones: Zones) -> None:
 
 def zone_handles(zones: Zones) -> list[Patch]:
     """Legend entries of the tints; empty without zones."""
-    said = (
-        (zones.keepout, style.KEEPOUT_COLOR, "kept out by a mask"),
-        (zones.speed, style.SPEED_COLOR, "slower by a mask"),
-    )
-    return [Patch(facecolor=color, alpha=_ZONE_ALPHA, label=label) for masks, color, label in said if masks]
+    said = (zones.keepout, style.KEEPOUT_COLOR, "kept out"), (zones.speed, style.SPEED_COLOR, "slower")
+    return [
+        Patch(facecolor=color, alpha=_ZONE_ALPHA, label=f"{label} by a mask") for masks, color, label in said if masks
+    ]
 
 
 def draw_walls(axes: Axes, world: OccupancyMap) -> None:
@@ -197,11 +196,7 @@ def paths_figure(scene: Scene, judgement: Judgement) -> Figure:
     draw_paths(axes, scene, judgement)
     lines = scene.lines[CODES[judgement]]
     whole = {"pass": scene.runs.passed, "fail": scene.runs.failed, "not judged": scene.runs.not_judged}[judgement]
-    label = (
-        f"{style.WORDS[judgement]} ({len(lines)})"
-        if len(lines) == whole
-        else f"{style.WORDS[judgement]} ({len(lines)} of {whole:,})"
-    )
+    label = f"{style.WORDS[judgement]} ({len(lines)}{'' if len(lines) == whole else f' of {whole:,}'})"
     handles: list[Any] = [Line2D([], [], color=style.COLORS[judgement], linewidth=2.5, label=label)]
     if len(lines) <= MAX_CROSSES:
         handles += draw_ends(axes, scene.starts_xy_m, scene.goals_xy_m)
@@ -242,15 +237,7 @@ def all_maps_figure(scenes: Sequence[Scene], titles: Sequence[str]) -> Figure:
             axes.set(xticks=[], yticks=[])
             if row == 0:
                 # On a large map the blur is smaller than a pixel; the rings show where to look.
-                rings: dict[str, Any] = {
-                    "ms": 4.5,
-                    "mfc": "none",
-                    "mec": style.INK,
-                    "mew": 0.5,
-                    "ls": "none",
-                    "alpha": 0.5,
-                }
-                (drawn,) = axes.plot(*scene.failed_xy_m.T, "o", **rings)
+                (drawn,) = axes.plot(*scene.failed_xy_m.T, "o", ms=4.5, mfc="none", mec=style.INK, mew=0.5, alpha=0.5)
                 drawn.set_rasterized(len(scene.failed_xy_m) > MAX_CROSSES)
                 draw_final_poses(axes, scene)
                 axes.set_title(titles[k], fontsize=10, color=style.INK, pad=5)
@@ -338,16 +325,8 @@ def _crosses(axes: Axes, scene: Scene) -> list[Line2D]:
     for missed, marker, label in kinds:
         chosen = scene.failed_xy_m[scene.missed == missed]
         if len(chosen):
-            look: dict[str, Any] = {
-                "marker": marker,
-                "ms": 5.5,
-                "mfc": "none",
-                "mec": style.INK,
-                "mew": 1.2,
-                "ls": "none",
-            }
-            axes.plot(*chosen.T, **look)
-            handles.append(Line2D([], [], label=f"{label} ({len(chosen)})", **look))
+            look: dict[str, Any] = {"marker": marker, "ms": 5.5, "mfc": "none", "mec": style.INK, "mew": 1.2, "ls": ""}
+            handles += axes.plot(*chosen.T, label=f"{label} ({len(chosen)})", **look)
     return handles
 
 

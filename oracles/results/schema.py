@@ -1,5 +1,7 @@
 """The schema of a campaign directory's tables: written from rows and columns, read as columns.
 
+Readers raise `Unreadable` for a file that is missing or damaged.
+
 Whatever of pyarrow takes or gives a numpy array or a Python scalar (`to_numpy`, `pa.array`, `fill_null`) imports pandas, which
 costs 0.4 s where only a terminal wants a number; so buffers are handed over as they are.
 """
@@ -151,11 +153,7 @@ def plain(value: Value) -> Any:
 
 
 def read_columns(file: Path, *texts: str, without: Container[str] = ()) -> pa.Table:
-    """A parquet file without some of its columns, its columns `texts` dictionary-encoded.
-
-    Raises:
-        Unreadable: it is missing or damaged.
-    """
+    """A parquet file without some of its columns, its columns `texts` dictionary-encoded."""
     with _reading(file.name):
         rows = open_table(file, texts)
         columns = [name for name in rows.schema_arrow.names if name not in without]
@@ -163,53 +161,33 @@ def read_columns(file: Path, *texts: str, without: Container[str] = ()) -> pa.Ta
 
 
 def text_batches(file: Path, column: str, rows: int) -> Iterator[pa.Array]:
-    """A column of texts, a bounded number of rows at a time.
-
-    Raises:
-        Unreadable: the file is missing or damaged.
-    """
+    """A column of texts, a bounded number of rows at a time."""
     with _reading(file.name):
         for batch in open_table(file).iter_batches(rows, columns=[column]):
             yield batch[0]
 
 
 def table_rows(file: Path, *columns: str) -> list[dict[str, Any]]:
-    """The rows of a parquet file, with all columns or its columns among `columns`.
-
-    Raises:
-        Unreadable: it is missing or damaged.
-    """
+    """The rows of a parquet file, with all columns or its columns among `columns`."""
     with _reading(file.name):
         rows: list[dict[str, Any]] = open_table(file).read(columns=list(columns) or None).to_pylist()
     return rows
 
 
 def rows_of(file: Path, column: str, value: str) -> pa.Table:
-    """The rows of a parquet file with a value in a column of texts.
-
-    Raises:
-        Unreadable: it is missing or damaged.
-    """
+    """The rows of a parquet file with a value in a column of texts."""
     with _reading(file.name):
         return rows_with(file, column, value)
 
 
 def table_of(content: bytes, name: str) -> pa.Table:
-    """Read the parquet content of a file called `name`.
-
-    Raises:
-        Unreadable: it is damaged.
-    """
+    """Read the parquet content of a file called `name`."""
     with _reading(name):
         return open_table(content).read()
 
 
 def behaviors_of(directory: Path, configuration: str) -> dict[str, NDArray[Any]]:
-    """Columns of the behaviors of a configuration's runs, `run_index` among them; empty where no run was recorded.
-
-    Raises:
-        Unreadable: `behaviors.parquet` is damaged.
-    """
+    """Columns of the behaviors of a configuration's runs, `run_index` among them; empty where no run was recorded."""
     file = directory / BEHAVIORS_FILE
     if not file.is_file():
         return {}

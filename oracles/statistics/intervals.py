@@ -41,10 +41,7 @@ def wilson_intervals(passed: ArrayLike, judged: ArrayLike, level: float = LEVEL)
     """Wilson's score intervals (*S, 2) of binomial proportions (E. B. Wilson, JASA 22 (1927) 209); 0..1 at n = 0.
 
     Args:
-        passed, judged: 0 <= passed <= judged, of shapes that broadcast to S; fractions are effective sample sizes.
-
-    Raises:
-        ValueError: more passes than judged runs, or negative counts.
+        passed, judged: 0 <= passed <= judged (else a `ValueError`), of shapes that broadcast to S; fractions are effective sample sizes.
     """
     x, n = counts(passed, judged)
     z = normal_quantile(level)
@@ -64,10 +61,7 @@ def clopper_pearson_intervals(passed: ArrayLike, judged: ArrayLike, level: float
     """Clopper and Pearson's exact intervals (*S, 2) of binomial proportions (Biometrika 26 (1934) 404); 0..1 at n = 0.
 
     Args:
-        passed, judged: 0 <= passed <= judged, of shapes that broadcast to S.
-
-    Raises:
-        ValueError: more passes than judged runs, or negative counts.
+        passed, judged: 0 <= passed <= judged (else a `ValueError`), of shapes that broadcast to S.
     """
     from scipy.special import betaincinv
 

@@ -152,23 +152,22 @@ def _next(looks: Looks, runs: int, passed: int, judged: int) -> int:
     return next(look for look in later if look >= looks.most or may_decide(look - runs))
 
 
-def mean_rate(rates: ArrayLike, runs: ArrayLike, looks: Looks | None = None, weights: ArrayLike = 1.0) -> Mean | None:
+def mean_rate(rates: ArrayLike, runs: ArrayLike, looks: Looks | None = None) -> Mean | None:
     """The mean of configurations' rates, and its interval for runs of these same configurations; None without judged runs.
 
-    The interval is Wilson's at Kish's effective number of runs, (Σ w)² / Σ (w² / n): with equal numbers of runs, that of the pooled rate. It holds for
+    The interval is Wilson's at Kish's effective number of runs, m² / Σ (1 / n): with equal numbers of runs, that of the pooled rate. It holds for
     unequal rates too, whose mean varies less. Coverage and width are in `tests/proofs/truth_headline.py` and docs/statistics.md.
 
     Args:
         rates: (m,) by configuration; of those that ended by a rule, as of `Looks.rates`.
         runs: (m,) judged runs; configurations without any are in no mean.
         looks: If runs ended by a rule: then each configuration has the rule's `effective_runs`.
-        weights: (m,) of the configurations.
     """
-    each, n, w = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (rates, runs, weights)))
-    each, n, w = each[n > 0], n[n > 0], w[n > 0]
+    each, n = (np.asarray(a, dtype=np.float64) for a in (rates, runs))
+    each, n = each[n > 0], n[n > 0]
     if not len(n):
         return None
-    rate = min(max(float((w * each).sum() / w.sum()), 0.0), 1.0)
+    rate = min(max(float(each.sum() / len(n)), 0.0), 1.0)
     worth = n if looks is None else looks.effective_runs(rate, n)
-    effective = float(w.sum() ** 2 / (w * w / worth).sum())
+    effective = float(len(n) ** 2 / (1.0 / worth).sum())
     return rate, wilson(rate * effective, effective)

@@ -29,7 +29,6 @@ from vastflow.oracles.statistics.intervals import (
     counts_of,
     interval,
     pooled,
-    wilson,
 )
 
 counted = st.integers(0, 20).flatmap(lambda n: st.integers(0, n).map(lambda x: Counts(x, n - x)))
@@ -66,35 +65,6 @@ def test_clustered_is_never_narrower_than_interval_of_pooled_runs(clusters):
     if (found := clustered(clusters)) is not None:
         low, high = clopper_pearson_intervals(whole.passed, whole.judged)
         assert found.low <= low + 1e-9 and high - 1e-9 <= found.high
-
-
-def test_weights_count_configurations_with_their_duplicates():
-    rows = [("a-1", None), ("a-2", None), ("a-3", "a-1"), ("b-1", "a-1"), ("b-2", None)]
-    assert findings.weights_of(rows) == {"a-1": 3, "a-2": 1, "b-2": 1}
-    assert findings.weighted_counts({"a": Counts(1, 0)}, {"a": 2, "gone": 9}) == {"a": Counts(2, 0)}
-    assert findings.weighted_rate({"a": Counts(2, 0), "b": Counts(0, 2, 1)}, {"a": 6}).counts == Counts(12, 2, 1)
-    # Kish: (6 · 2 + 1 · 2)² / (36 · 2 + 1 · 2) = 196 / 74 effective runs of the four.
-    effective = 196 / 74
-    found = findings.weighted_rate({"a": Counts(2, 0), "b": Counts(0, 2)}, {"a": 6})
-    assert found.interval == wilson(12 / 14 * effective, effective)
-    assert findings.weighted_rate({"a": Counts(3, 1)}, {"a": 5}).clustered is None
-    for nothing in ({}, {"a": Counts(0, 0, 3)}):
-        found = findings.weighted_rate(nothing, {"a": 2})
-        assert (found.rate, found.interval, found.clustered) == (None, Interval(0.0, 1.0), None)
-    assert findings.weighted_rate({"a": Counts(4, 0), "b": Counts(4, 0)}, {"a": 3}).interval.high == 1.0
-    assert findings.weighted_rate({"a": Counts(0, 4), "b": Counts(0, 4)}, {"a": 3}).interval.low == 0.0
-
-
-@given(st.integers(1, 20), st.lists(st.integers(0, 20), max_size=6))
-def test_equal_weights_and_numbers_of_runs_give_the_pooled_rate(runs, passes):
-    counts = {f"c-{k}": Counts(min(x, runs), runs - min(x, runs)) for k, x in enumerate(passes)}
-    plain, heavy = findings.weighted_rate(counts, {}), findings.weighted_rate(counts, dict.fromkeys(counts, 4))
-    whole = pooled(counts.values())
-    assert plain.counts == whole
-    for found in (plain, heavy):
-        assert found.rate == (None if whole.rate is None else pytest.approx(whole.rate))
-        assert (found.interval.low, found.interval.high) == pytest.approx((whole.interval.low, whole.interval.high))
-    assert plain.clustered == clustered(list(counts.values()))
 
 
 def said(**parts):
@@ -156,8 +126,8 @@ def test_findings_compare_families_with_same_keys(synthetic_campaign, add):
     assert findings.shape_of(found) == {"always": 7, "never": 6, "mixed": 1}
     assert (found.total_failures.failures, found.total_failures.of_failures) == (24, 25)
     said = json.loads(json.dumps(findings.findings_json(found), allow_nan=False))
-    assert set(said) == {"classes", "total_failures", "dispersion", "factors", "weighted", "saved"}
-    assert (said["weighted"], said["saved"]) == (None, None)
+    assert set(said) == {"classes", "total_failures", "dispersion", "factors", "saved"}
+    assert said["saved"] is None
 
 
 def test_requested_length_of_path_is_factor(synthetic_campaign, add):

@@ -2,13 +2,16 @@
 
 import json
 
+import paper_results as paper_weights
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from paper_page import paper_page
 from paper_published import ALL_RUNS, PUBLISHED
 from paper_results import Begun, Requested, Starts, paper_results, requested_of
 from table import each_row
 
-from vastflow.oracles.statistics.intervals import Counts
+from vastflow.oracles.statistics.intervals import Counts, Interval, clustered, pooled, wilson
 from vastflow.sim.loop.standstill import POINTS_IN_FOOTPRINT
 
 RADIUS = "global_costmap.robot_radius"
@@ -134,3 +137,35 @@ def test_page_has_rates_as_the_paper_counts_and_of_moved_runs(safety):
     for words in ("| **66.7 % [20.7, 93.9]** | **61.2 %** |", stood, "| `cube` | 0.090 m | 75.0 %"):
         assert words in page
     assert "Every distinct configuration was run" in page and "spawn_delays" not in page
+
+
+def test_weights_count_configurations_with_their_duplicates():
+    rows = [("a-1", None), ("a-2", None), ("a-3", "a-1"), ("b-1", "a-1"), ("b-2", None)]
+    assert paper_weights.weights_of(rows) == {"a-1": 3, "a-2": 1, "b-2": 1}
+    assert paper_weights.weighted_counts({"a": Counts(1, 0)}, {"a": 2, "gone": 9}) == {"a": Counts(2, 0)}
+    assert paper_weights.weighted_rate({"a": Counts(2, 0), "b": Counts(0, 2, 1)}, {"a": 6}).counts == Counts(12, 2, 1)
+    # Kish: (6 · 2 + 1 · 2)² / (36 · 2 + 1 · 2) = 196 / 74 effective runs of the four.
+    effective = 196 / 74
+    found = paper_weights.weighted_rate({"a": Counts(2, 0), "b": Counts(0, 2)}, {"a": 6})
+    assert found.interval == wilson(12 / 14 * effective, effective)
+    assert paper_weights.weighted_rate({"a": Counts(3, 1)}, {"a": 5}).clustered is None
+    for nothing in ({}, {"a": Counts(0, 0, 3)}):
+        found = paper_weights.weighted_rate(nothing, {"a": 2})
+        assert (found.rate, found.interval, found.clustered) == (None, Interval(0.0, 1.0), None)
+    assert paper_weights.weighted_rate({"a": Counts(4, 0), "b": Counts(4, 0)}, {"a": 3}).interval.high == 1.0
+    assert paper_weights.weighted_rate({"a": Counts(0, 4), "b": Counts(0, 4)}, {"a": 3}).interval.low == 0.0
+
+
+@given(st.integers(1, 20), st.lists(st.integers(0, 20), max_size=6))
+def test_equal_weights_and_numbers_of_runs_give_the_pooled_rate(runs, passes):
+    counts = {f"c-{k}": Counts(min(x, runs), runs - min(x, runs)) for k, x in enumerate(passes)}
+    plain, heavy = (
+        paper_weights.weighted_rate(counts, {}),
+        paper_weights.weighted_rate(counts, dict.fromkeys(counts, 4)),
+    )
+    whole = pooled(counts.values())
+    assert plain.counts == whole
+    for found in (plain, heavy):
+        assert found.rate == (None if whole.rate is None else pytest.approx(whole.rate))
+        assert (found.interval.low, found.interval.high) == pytest.approx((whole.interval.low, whole.interval.high))
+    assert plain.clustered == clustered(list(counts.values()))

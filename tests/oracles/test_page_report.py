@@ -241,7 +241,6 @@ def test_evidence_has_rates_intervals_and_statistics(shown):
     assert evidence["oracles"]["success"]["families"]["noisy"]["passed"] == 8
     assert evidence["oracles"]["success"]["metrics"]["final_distance"]["n"] == 15
     assert (evidence["rejected"], evidence["duplicates"]) == (2, {"noisy-3": "noisy-1"})
-    assert evidence["weighted"]["counts"]["passed"] == 11
     assert evidence["classes"]["configurations"]["noisy-2"] in ("systematic", "undecided")
     assert [evidence["total_failures"][key] for key in ("configurations", "failures", "of_failures")] == [1, 5, 7]
     (family,) = evidence["factors"][0]["factors"]  # which divides the configurations as noise does

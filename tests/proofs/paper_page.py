@@ -14,11 +14,10 @@ from typing import Annotated, Any, Final
 import paper_published as published
 import typer
 from jinja2 import Environment, StrictUndefined
-from paper_results import PaperResults, paper_results
+from paper_results import PaperResults, WeightedRate, paper_results, weighted_counts, weighted_rate
 
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import BAD_INPUT, Interruptible
-from vastflow.oracles.evidence.findings import WeightedRate, weighted_counts, weighted_rate
 from vastflow.oracles.results.unusable import reading
 from vastflow.oracles.statistics.classes import TotalFailures, total_failures
 from vastflow.oracles.statistics.intervals import Counts, Interval

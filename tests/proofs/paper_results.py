@@ -14,10 +14,9 @@ import pyarrow.parquet as pq
 from paper_published import LOCAL_PADDING_M, LOCAL_RADIUS_M, PUBLISHED, Kind, Published
 from scipy import ndimage
 
-from vastflow.oracles.evidence.findings import weights_of
 from vastflow.oracles.judgement.verdict import Judgement, run_judgement
 from vastflow.oracles.results.units import units_of
-from vastflow.oracles.statistics.intervals import Counts, counts_of, pooled
+from vastflow.oracles.statistics.intervals import Counts, Interval, clustered, counts_of, pooled, wilson
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import read_json
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
@@ -42,6 +41,56 @@ RunKey = tuple[str, int]
 
 class NotThePapers(UserError, ValueError):
     """A campaign directory that is none of the paper's campaigns, or lacks what is needed; says what was found."""
+
+
+Weights = Mapping[str, int]
+"""Configuration to the number of requests; 1 for those not in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class WeightedRate:
+    """The rate of weighted configurations.
+
+    Attributes:
+        counts: Runs, each as often as its configuration was requested.
+        rate: Weighted mean of the configurations' rates; None where nothing was judged.
+        interval: Of the rate, Wilson's at Kish's effective number of runs, (Σ w)² / Σ (w² / n).
+        clustered: For other configurations of their kind, see `clustered`.
+    """
+
+    counts: Counts
+    rate: float | None
+    interval: Interval
+    clustered: Interval | None
+
+
+def weights_of(configurations: Iterable[tuple[str, str | None]]) -> dict[str, int]:
+    """Weight of each executed configuration: 1 and the number of its duplicates, from names and `duplicate_of`."""
+    return dict(Counter(duplicate_of or name for name, duplicate_of in configurations))
+
+
+def weighted_counts(counts: Mapping[str, Counts], weights: Weights) -> dict[str, Counts]:
+    """Counts with each configuration weighted by its number of requests."""
+    return {
+        name: Counts(*(weights.get(name, 1) * n for n in (each.passed, each.failed, each.not_judged)))
+        for name, each in counts.items()
+    }
+
+
+def weighted_rate(
+    counts: Mapping[str, Counts], weights: Weights, blocks: Mapping[str, int] | None = None
+) -> WeightedRate:
+    """The rate over configurations with weights, and with block numbers if configurations share blocks."""
+    repeated = weighted_counts(counts, weights)
+    judged = [(weights.get(name, 1), each) for name, each in counts.items() if each.judged]
+    rate, interval = None, Interval(0.0, 1.0)
+    if judged:
+        total = sum(weight for weight, _ in judged)
+        rate = min(sum(weight * each.passed / each.judged for weight, each in judged) / total, 1.0)
+        effective = total**2 / sum(weight**2 / each.judged for weight, each in judged)
+        interval = wilson(rate * effective, effective)
+    of = None if blocks is None else [blocks[name] for name in repeated]
+    return WeightedRate(pooled(repeated.values()), rate, interval, clustered(list(repeated.values()), blocks=of))
 
 
 class Requested(NamedTuple):
