@@ -24,6 +24,7 @@ from vastflow.sim.model.recording import Recording, RunLog
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
 from vastflow.sim.nav2.navigator.prepared import CACHED_MAPS, prepare
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
+from vastflow.sim.plug_ins.loading import check_permitted
 from vastflow.sim.reading.checked import MAP_KEY, CheckedScenario, RobotSetup, checked_of
 from vastflow.sim.scenario.programs.actions import PROCESSES, process_actions
 from vastflow.sim.scenario.programs.folders import CONFIG, OUT
@@ -128,7 +129,8 @@ def execute(
     lines: list[str] = []
     with ExitStack() as stack:
         setup = checked.programs or ProcessSetup()
-        needs_programs = checked.actions & PROCESSES.keys() or checked.programs
+        if needs_programs := checked.actions & PROCESSES.keys() or checked.programs:
+            check_permitted("programs of the scenario", scenario.digest)
         programs = stack.enter_context(process_run(setup, checked.handed)) if needs_programs else None
         tree = _tree(checked, simulation, programs, entropy, lines)
         try:

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from vastflow.deployments.explorer.facets import run_arrays
 from vastflow.deployments.explorer.selection import Bools, RunTable
+from vastflow.oracles.results.executed import kept_map
 from vastflow.oracles.results.tables import FAIL, NOT_JUDGED
 from vastflow.oracles.results.unusable import DAMAGE
 from vastflow.oracles.statistics.failure_map import LAST_M, MINIMUM_VISITS, FailureGrid, grid_over
 from vastflow.sim.model.blocks import read_columns
 from vastflow.sim.model.files import is_file, is_inside
 from vastflow.sim.model.recording import si
-from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
 LAYERS: Final = ("paths", "ends", "rate")
@@ -144,7 +144,7 @@ def floor_of(directory: Path, environment: str) -> Floor:
 
     if Path(environment).name != environment:
         raise ValueError(f"expected the digest of a map, got {environment!r}")
-    occupancy = load_map(directory / "environments" / environment / "map.yaml")
+    occupancy = kept_map(directory, environment)
     x0, x1, y0, y1 = known_extent_m(occupancy, CELL_M)
     return Floor(occupancy, known_cells(occupancy), grid_over(x0, y0, x1, y1, CELL_M))
 

@@ -11,9 +11,8 @@ from vastflow.oracles.figures.case_figure import Case, pair_figure
 from vastflow.oracles.figures.scene import read_walks, zones_of
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import situation_of
-from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
+from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
 from vastflow.oracles.results.tables import JUDGEMENTS, Tables
-from vastflow.sim.world.map_file import load_map
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -63,7 +62,7 @@ def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong:
         raise ValueError("it has no map")
     walks = read_walks(tables.directory, name)
     scenario = scenario_of_row(found.row(k), KeptFiles(tables.directory))
-    occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
+    occupancy = kept_map(tables.directory, environment)
     situation, zones = situation_of(scenario), zones_of([scenario])
     if walks is None:
         raise ValueError(f"{tables.directory} has no recording of it")

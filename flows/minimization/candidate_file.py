@@ -12,7 +12,7 @@ import yaml
 
 from vastflow.flows.minimization.failing import Failing
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.inputs import Inputs, inputs_of
+from vastflow.flows.results.inputs import Inputs, copy_permitted, inputs_of
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.scenario import abstract_scenario_of
@@ -117,7 +117,7 @@ def candidate_files(failing: Failing) -> Iterator[CandidateFiles]:
     with TemporaryDirectory(prefix="vastflow-") as place:
         folder = Path(place).resolve()
         for file in files_below(inputs := failing.directory / "inputs"):
-            copy_file(file, folder / file.relative_to(inputs))
+            copy_permitted(file, folder / file.relative_to(inputs))
         for key in failing.subject.values.keys() & _MAPS.keys():
             content = failing.subject.values[key]
             assert isinstance(content, FileContent)

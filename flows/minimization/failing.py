@@ -1,5 +1,6 @@
 """The failing configuration of a campaign directory that is minimized."""
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,11 +17,12 @@ from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_ou
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.model.files import read_json, read_text, yaml_value
+from vastflow.sim.model.files import read_bytes, read_json, yaml_value
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.plug_ins.loading import check_permitted
 
 MESH_KEY = "mesh_file"
 """Ignored by runs, see `vastflow.producers.instantiation.family`."""
@@ -66,7 +68,9 @@ def failing_configuration(directory: Path, name: str, oracle: str | None, rate: 
             raise _missing(directory, name, list(rows))
         row = rows[rows[name]["duplicate_of"] or name]
         chosen = _failing_oracle(directory, row["name"], oracle, rate)
-        campaign = yaml_value(read_text(directory / "campaign.vast"))
+        content = read_bytes(directory / "campaign.vast")
+        check_permitted(directory / "campaign.vast", hashlib.sha256(content).hexdigest())
+        campaign = yaml_value(content.decode("utf-8-sig"))
         families = {str(each.get("name")): each for each in campaign.get("configuration") or ()}
         metadata = read_json(directory / "metadata.json")
         scenario = scenario_of_row(row, KeptFiles(directory))

@@ -3,7 +3,7 @@
 import io
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from vastflow.flows.minimization.minimized import Minimized, comment_of
 from vastflow.flows.plan.plan import plan_view_of
 from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys
 from vastflow.flows.request.stopping import Stopping
+from vastflow.flows.results.trust import executing
 from vastflow.flows.run.computing import Computing, computing, told
 from vastflow.flows.search.progress import PointRuns
 from vastflow.oracles.figures.case_figure import plan_view_figure
@@ -199,21 +200,26 @@ def minimize_configuration(
     store: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     observer: Observer | None = None,
+    trust: bool = False,
 ) -> Minimized:
     """Reduce a failing configuration of a campaign directory to the smallest one that still fails.
 
     Args:
         oracle, rate: See `failing_configuration`.
         store, workers, observer: See `vastflow.flows.api.run_campaign`. Cached runs are not executed again.
+        trust: Execute code in the directory that this user did not make, now and from now on.
 
     Raises:
         NotMinimized: the configuration does not fail.
+        NotPermitted: the directory has code that the user neither made nor permitted.
         UnusableDirectory: the campaign directory can't be used.
         StoreError: the store can't be used.
         PrefectUnavailable: Prefect's API can't be started.
     """
-    failing = failing_configuration(Path(results), configuration, oracle, rate)
-    with candidate_files(failing) as files:
+    with ExitStack() as stack:
+        stack.enter_context(executing(Path(results), "" if trust else None))
+        failing = failing_configuration(Path(results), configuration, oracle, rate)
+        files = stack.enter_context(candidate_files(failing))
         whole = Candidate(frozenset(each for each in failing.subject.circumstances if each.can_be_left_out))
         try:
             before = files.built(whole)

@@ -17,11 +17,11 @@ from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.floorplan.files import PlanFile, VariationFile
-from vastflow.sim.model.digest import FileContent, digest
+from vastflow.sim.model.digest import FileContent, digest, file_digest
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.files import copy_file, files_below, read_bytes, read_text, yaml_value
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, plug_ins_in
-from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.plug_ins.loading import check_permitted, snapshot_behind
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot
 from vastflow.sim.scenario.language.reading import files_of
 from vastflow.sim.world.map_file import load_map
@@ -193,11 +193,17 @@ def _laid_out(directory: Path, asked: Asked, folder: Path) -> Replica:
     for path in files_below(inputs):
         name = path.relative_to(inputs).as_posix()
         if name not in outside:
-            copy_file(path, base / name)
+            copy_permitted(path, base / name)
     for place, name in asked.places.items():
         if (inputs / name) in files_below(inputs):
             target = os.path.relpath(os.path.normpath(base / place), folder)
-            copy_file(inside(inputs, name), inside(folder, target))
+            copy_permitted(inside(inputs, name), inside(folder, target))
     file = inside(base, asked.file)
-    copy_file(directory / "campaign.vast", file)
+    copy_permitted(directory / "campaign.vast", file)
     return Replica(file, root)
+
+
+def copy_permitted(source: Path, target: Path) -> None:
+    """Copy a file of a campaign directory that is executed; raises as `copy_file`, and if `code_from` does not permit its content."""
+    copy_file(source, target)
+    check_permitted(source, file_digest(target))

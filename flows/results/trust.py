@@ -7,8 +7,8 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -29,6 +29,7 @@ from vastflow.sim.model.files import (
     read_text,
     yaml_value,
 )
+from vastflow.sim.plug_ins.loading import code_from, is_limited
 from vastflow.sim.scenario.programs.actions import PROCESSES
 
 _CAMPAIGN: Final = "campaign.vast"
@@ -54,7 +55,7 @@ class ForeignCode:
     Attributes:
         named: Plug-ins, notebooks, scripts, and programs; empty where the directory has nothing but data.
         digest: Of everything that decides what is executed.
-        contents: SHA-256 of each file in `inputs/`.
+        contents: SHA-256 of the campaign file and each file in `inputs/`, and the digests that its scenarios have.
     """
 
     directory: str
@@ -86,12 +87,14 @@ def foreign_code(directory: Path) -> ForeignCode:
         places = {path.relative_to(directory).as_posix(): path for path in files}
         inputs = {place: path for place, path in places.items() if place.startswith(f"{_INPUTS}/")}
         named = [place for place, path in inputs.items() if _is_code(path)]
-        named += _programs(directory)
-        if not named:
-            return ForeignCode(str(directory))
-        known = {place: file_digest(path) for place, path in places.items()}
-        contents = frozenset(known[place] for place in inputs)
-        return ForeignCode(str(directory), tuple(named), digest("executed", known), contents)
+        rows = table_rows(places[_ROWS], "scenario", "scenario_digest") if _ROWS in places else []
+        named += _programs(directory, rows)
+        known = {
+            place: file_digest(path)
+            for place, path in (places if named else {_CAMPAIGN: directory / _CAMPAIGN, **inputs}).items()
+        }
+        contents = {known[place] for place in (_CAMPAIGN, *inputs)} | {str(row["scenario_digest"]) for row in rows}
+        return ForeignCode(str(directory), tuple(named), digest("executed", known), frozenset(contents))
 
 
 def _files(place: Path) -> Iterator[Path]:
@@ -118,7 +121,7 @@ def _is_code(path: Path) -> bool:
     return any(name.encode() in content for name in PROCESSES)
 
 
-def _programs(directory: Path) -> Iterator[str]:
+def _programs(directory: Path, rows: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     """Name commands of the campaign file, and programs of its scenarios."""
     try:
         campaign = yaml_value(read_text(directory / _CAMPAIGN))
@@ -130,13 +133,12 @@ def _programs(directory: Path) -> Iterator[str]:
             yield f"{name} {str(execution[name])[:100]!r}"
     for step in (campaign.get("results_processing") or {}).get("postprocessing") or ():
         yield from (f"postprocessing by {name}" for name in step if name not in {*RECORDED, *UNTOUCHED})
-    rows = table_rows(directory / _ROWS, "scenario") if (directory / _ROWS).is_file() else []
     if any(json_value(row["scenario"]).get("programs") for row in rows):
         yield "programs of its scenarios"
 
 
 def permitted_contents(directory: Path, consent: str | None = None) -> frozenset[str]:
-    """Return the digests of files whose code may be executed for a directory.
+    """Return the digests of what may be executed for a directory, see `ForeignCode`.
 
     Args:
         consent: Digest of the code that the user permits now, and from now on; empty for whatever it is.
@@ -150,6 +152,16 @@ def permitted_contents(directory: Path, consent: str | None = None) -> frozenset
             raise NotPermitted(code)
         _remember(_PERMITTED, code.digest, {"permitted": code.directory})
     return code.contents
+
+
+@contextmanager
+def executing(directory: Path, consent: str | None = None) -> Iterator[None]:
+    """Let the body execute code of a campaign directory that the user made or permits, and no other; raises as `permitted_contents`.
+
+    Whatever executes a campaign directory again does so in such a body; inside another one, that one's permission counts.
+    """
+    with nullcontext() if is_limited() else code_from(permitted_contents(directory, consent)):
+        yield
 
 
 def remember_made(directory: Path) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vastflow.oracles.judgement.registry import SUCCESS
 from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import situation_of
-from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
+from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
 from vastflow.oracles.results.tables import CODES, FAIL, NOT_JUDGED, Tables
 from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
 from vastflow.oracles.statistics.intervals import Counts
@@ -188,7 +188,7 @@ def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> 
     for scenario in scenarios:
         with suppress(ValueError):  # one that could not run
             situations.append(situation_of(scenario))
-    occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
+    occupancy = kept_map(tables.directory, environment)
     x0, x1, y0, y1 = known_extent_m(occupancy, CELL_M)
     failures = empty_map(grid_over(x0, y0, x1, y1, CELL_M))
     waiting: list[tuple[Walks, NDArray[np.int8]]] = []

@@ -14,12 +14,11 @@ from vastflow.oracles.figures.run_film import LAST_MS, PICTURE_MS, FilmedRun
 from vastflow.oracles.figures.scene import zones_of
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.page.words import number
-from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
+from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
 from vastflow.oracles.results.tables import Tables
 from vastflow.sim.model.blocks import read_recordings
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.world.difference import world_of
-from vastflow.sim.world.map_file import load_map
 
 LOGGER: Final = logging.getLogger("vastflow.report")
 
@@ -65,7 +64,7 @@ def cause_film(tables: Tables, count: CauseCount, files: KeptFiles) -> Film | No
         return None
     scenario = scenario_of_row(tables.configurations.row(configuration), files)
     situation = situation_of(scenario)
-    occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
+    occupancy = kept_map(tables.directory, environment)
     difference = difference_of(scenario.environment.get(WORLD_KEY))
     world = None if difference is None else world_of(occupancy, difference)
     case = Case("", occupancy, situation, (), (), zones=zones_of([scenario]), world=world)

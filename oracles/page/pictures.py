@@ -18,12 +18,11 @@ from vastflow.oracles.figures.style import png, svg
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.page.section import Picture
-from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
+from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
 from vastflow.oracles.results.tables import CODES, JUDGEMENTS, Tables
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.world.difference import world_of
-from vastflow.sim.world.map_file import load_map
 
 MAX_EMBEDDED: Final = 11_000_000
 """Bytes of pictures within the page, which stays below 20 MB; others are only in `figures/`."""
@@ -162,7 +161,7 @@ def _on_map(
     scenario = scenario_of_row(tables.configurations.row(configuration), files)
     situation = situation_of(scenario)
     environment = tables.configurations.environments[configuration]
-    occupancy = load_map(tables.directory / "environments" / str(environment) / "map.yaml")
+    occupancy = kept_map(tables.directory, str(environment))
     difference = difference_of(tables.configurations.contents[configuration]["environment"].get(WORLD_KEY))
     world = None if difference is None else world_of(occupancy, difference)
     obstacles = distinct_obstacles([*situation.obstacles, *spawned])

@@ -23,7 +23,8 @@ from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.scenario import Scenario, setup_of
 from vastflow.sim.nav2.parameter_files.parameter_file import file_value, frozen, read_nav2_document
 from vastflow.sim.reading.abstract import abstract_content
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.map_file import load_map, map_content
+from vastflow.sim.world.occupancy import OccupancyMap
 
 NAMED_FILES: Final = "files.json"
 """File in `environments/` with the places of files by digests that are not of their bytes, such as meshes."""
@@ -35,6 +36,7 @@ class KeptFiles:
     """The files of a campaign directory by the digests that scenarios have of them."""
 
     def __init__(self, directory: Path) -> None:
+        self._directory = directory
         self.inputs = directory / "inputs"
         self._environments = directory / "environments"
         self._known: dict[str, FileContent] = {}
@@ -80,9 +82,14 @@ class KeptFiles:
                 yield abstract_content(file)
         if file.suffix in (".yaml", ".yml"):
             with suppress(ValueError):
-                yield map_content(file)
+                yield map_content(file, self._directory)
             with suppress(ValueError):
                 yield file_value(frozen(read_nav2_document(file), within=self.inputs))
+
+
+def kept_map(directory: Path, environment: str) -> OccupancyMap:
+    """Return the map that a campaign directory keeps of an environment; MapError if it lies elsewhere or can't be used."""
+    return load_map(directory / "environments" / environment / "map.yaml", directory)
 
 
 def configuration_row(directory: Path, configuration: str) -> Mapping[str, Any]:
@@ -135,9 +142,10 @@ def _value(value: Any, files: KeptFiles) -> Any:
 def environment_names(directory: Path, environments: Iterable[str | None]) -> dict[str, str]:
     """Digest to the name of the map's file or floor plan; equal names are numbered."""
     files = {}
-    for file in sorted((directory / "inputs").rglob("*.y*ml")):
-        with suppress(ValueError, OSError):
-            files[map_content(file).digest] = file.stem
+    for file in files_below(directory / "inputs"):
+        if file.suffix in (".yaml", ".yml"):
+            with suppress(ValueError):
+                files[map_content(file, directory).digest] = file.stem
     names = {digest: files.get(digest, digest[:8]) for digest in environments if digest}
     for digest in names:
         with suppress(ValueError, OSError, KeyError, TypeError):  # the provenance beside a map names its floor plan

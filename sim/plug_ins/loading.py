@@ -32,12 +32,25 @@ _permitted: ContextVar[Collection[str] | None] = ContextVar("permitted", default
 
 @contextmanager
 def code_from(contents: Collection[str]) -> Iterator[None]:
-    """Let the body open only plug-ins whose files have SHA-256 digests in `contents`."""
+    """Let the body open only plug-ins, and start only programs, whose digests are in `contents`."""
     token = _permitted.set(contents)
     try:
         yield
     finally:
         _permitted.reset(token)
+
+
+def is_limited() -> bool:
+    """Whether a body of `code_from` is executed."""
+    return _permitted.get() is not None
+
+
+def check_permitted(place: object, *contents: str) -> None:
+    """Raise `PlugInError` if `code_from` does not permit code of these digests."""
+    permitted = _permitted.get()
+    if permitted is not None and any(content not in permitted for content in contents):
+        what = f"{str(place)!r} is code of others that you have not permitted"
+        raise PlugInError(what, "data alone, or your permission by --trust")
 
 
 def module_name(snapshot: Snapshot) -> str:
@@ -64,10 +77,8 @@ def open_package(snapshot: Snapshot) -> ModuleType:
     Raises:
         PlugInError: a copy has changed, or `code_from` does not permit the plug-in.
     """
-    name, permitted = package_name(snapshot), _permitted.get()
-    if permitted is not None and any(content not in permitted for content in snapshot.files.values()):
-        what = f"{str(snapshot.origin / snapshot.entry)!r} is code of others that you have not permitted"
-        raise PlugInError(what, "data alone, or your permission by --trust")
+    name = package_name(snapshot)
+    check_permitted(snapshot.origin / snapshot.entry, *snapshot.files.values())
     if name not in sys.modules:
         snapshot.check()
         if not any(isinstance(finder, _Finder) for finder in sys.meta_path):

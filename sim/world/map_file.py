@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import os
 import re
 import struct
 from collections.abc import Mapping
@@ -13,7 +14,16 @@ from numpy.typing import NDArray
 from yaml.nodes import MappingNode
 
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.files import Missing, Unreadable, read_bytes, read_picture, read_text, yaml_node, yaml_value
+from vastflow.sim.model.files import (
+    Missing,
+    Unreadable,
+    is_inside,
+    read_bytes,
+    read_picture,
+    read_text,
+    yaml_node,
+    yaml_value,
+)
 from vastflow.sim.model.pose import DECIMALS, MOST_YAW_RAD, GridFrame
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
@@ -39,17 +49,22 @@ class MissingMap(MapError):
     """A map file or picture that does not exist."""
 
 
-def load_map(path: str | Path) -> OccupancyMap:
+def load_map(path: str | Path, within: Path | None = None) -> OccupancyMap:
     """Read a map as Nav2's map_server does: modes trinary, scale and raw, negate, thresholds, colors as gray.
 
     The origin's yaw turns the grid about it (Nav2's AMCL and static layer ignore it): its quarter turns rotate the cells, so that a
     map turned by 90° equals the map drawn turned.
 
+    Args:
+        within: Folder that must contain file and picture, links followed; None for a user's own map, whose picture may lie anywhere.
+
     Raises:
-        MapError: a missing or unreadable file, a missing or wrong key.
+        MapError: a missing or unreadable file, a missing or wrong key, or one outside of `within`.
     """
     path = Path(path)
+    _check_within(path, path, within)
     header = _header(path)
+    _check_within(path, path.parent / str(header["image"]), within)
     right = f"meters per cell, greater than 0: {LEAST_CELL_M:g} to {LARGEST_CELL_M:g}"
     resolution_m = _number(header, "resolution", path, (LEAST_CELL_M, LARGEST_CELL_M), right)
     # map_server accepts a threshold of 65 as well, above which nothing is a wall.
@@ -66,9 +81,14 @@ def load_map(path: str | Path) -> OccupancyMap:
     return _placed(cells[::-1], resolution_m, (x_m, y_m), yaw_rad)
 
 
-def map_content(path: str | Path) -> FileContent:
-    """Return the map at `path` as a value with the digest of the decoded grid."""
-    return FileContent(str(path), load_map(path).digest)
+def map_content(path: str | Path, within: Path | None = None) -> FileContent:
+    """Return the map at `path` as a value with the digest of the decoded grid; see `load_map`."""
+    return FileContent(str(path), load_map(path, within).digest)
+
+
+def _check_within(path: Path, file: Path, within: Path | None) -> None:
+    if within is not None and not is_inside(file, os.path.realpath(within)):
+        raise MapError(f"{path}: expected map and picture in {str(within)!r}, got {str(file)!r}")
 
 
 def _header(path: Path) -> Mapping[str, Any]:

@@ -133,7 +133,7 @@ class FolderFiles:
 
 def _content(path: str) -> bytes:
     with _opened(path) as file:
-        return file.read()
+        return file.read() or b""  # None of a file of the kernel that has nothing yet
 
 
 def _opened(path: str) -> FileIO:

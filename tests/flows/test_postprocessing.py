@@ -16,6 +16,7 @@ from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.digest import file_digest
 from vastflow.sim.model.recording import Outputs, Recording, Run
 
 PLUG_IN = """\
@@ -173,6 +174,18 @@ def test_steps_run_again_only_if_edited(campaign):
     campaign.after(steps, report="other results")
     campaign.after(steps, report="")  # of results with a fault there is no key
     assert counter.read_text() == runs + "run\n" * 3
+
+
+def test_neighbor_s_files_that_lead_out_are_not_taken_over(campaign):
+    steps = [{"command": {"script": "note.sh", "args": [0]}}]
+    (row,), first = campaign.after(steps)
+    outside = first.directory.parent / "outside.txt"
+    outside.write_text("from elsewhere")
+    place = "../../outside.txt"
+    file = first.directory / "postprocessing" / "steps.json"
+    file.write_text(json.dumps({"steps": [{**row, "files": {place: file_digest(outside)}}]}))
+    (again,), _ = campaign.after(steps)
+    assert again["files"] == row["files"]
 
 
 def test_poses_are_in_robovast_s_columns_estimated_and_true():

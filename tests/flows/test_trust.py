@@ -11,12 +11,19 @@ import pytest
 from command_line import called, refused
 from hostile import executed, stranger
 
+from vastflow.flows.minimization.minimize import minimize_configuration
+from vastflow.flows.request.run_request import asked_of
 from vastflow.flows.results import trust
-from vastflow.flows.results.trust import NotPermitted, foreign_code, permitted_contents, remember_made
+from vastflow.flows.results.inputs import replica
+from vastflow.flows.results.trust import NotPermitted, executing, foreign_code, permitted_contents, remember_made
 from vastflow.oracles.results.unusable import UnusableDirectory
+from vastflow.sim.model.files import read_json
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.plug_ins.loading import code_from, module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import snapshot_of
+from vastflow.sim.reading.abstract import abstract_content
+from vastflow.sim.run import run
 from vastflow.tasks.engine.process import own_environment, python_command
 
 
@@ -121,7 +128,8 @@ def test_inputs_that_are_no_files_are_refused(foreign, tmp_path, kind):
 
 def test_data_alone_asks_nothing(tmp_path, canary, state):
     plain = stranger(tmp_path / "results", canary, plug_in=False)
-    assert (foreign_code(plain).named, permitted_contents(plain)) == ((), frozenset())
+    assert foreign_code(plain).named == ()
+    assert permitted_contents(plain) == permitted_contents(plain, "of something else")
     assert not state.exists()
 
 
@@ -184,3 +192,44 @@ def test_permission_goes_with_the_content_to_another_folder(foreign, tmp_path):
     remember_made(foreign)
     shutil.copytree(foreign, tmp_path / "moved")
     assert permitted_contents(tmp_path / "moved") == permitted_contents(foreign)
+
+
+def test_minimize_of_the_python_api_asks_too(foreign, canary):
+    with pytest.raises(NotPermitted, match=r"my_pursuit\.py.*expected your permission"):
+        minimize_configuration(foreign, "room")
+    assert executed(canary) == []
+
+
+def test_body_within_another_takes_its_permission(foreign, canary):
+    with code_from(()), executing(foreign), pytest.raises(PlugInError, match="code of others"):
+        module_of(snapshot_of(foreign / "inputs" / "my_pursuit.py", foreign / "inputs"))
+    assert executed(canary) == []
+
+
+@pytest.mark.timeout(120)
+def test_programs_start_only_in_a_scenario_that_was_permitted(tmp_path):
+    (tmp_path / "room.osc").write_text(
+        f"import osc.helpers\nscenario a:\n    do serial:\n        run_process('touch {tmp_path}/done')\n"
+    )
+    scenario = Scenario(abstract_content(tmp_path / "room.osc"), 20.0, {}, {}, {})
+    with (
+        code_from(("of another scenario",)),
+        pytest.raises(PlugInError, match=r"programs of the scenario.* not permitted"),
+    ):
+        run(scenario, 0)
+    assert not (tmp_path / "done").exists()
+    with code_from((scenario.digest,)):
+        run(scenario, 0)
+    assert (tmp_path / "done").exists()
+
+
+@pytest.mark.parametrize("file", ["campaign.vast", "inputs/my_pursuit.yaml"])
+def test_file_that_changed_since_the_permission_is_not_laid_out(foreign, file):
+    asked = asked_of(read_json(foreign / "metadata.json"))
+    with executing(foreign, ""):
+        (foreign / file).write_text((foreign / file).read_text() + "# later\n")
+        with (
+            pytest.raises(UnusableDirectory, match="is code of others that you have not permitted"),
+            replica(foreign, asked),
+        ):
+            pass

@@ -11,15 +11,17 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from synthetic import walled_room, write_map
 from table import each_row
 
 from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.results import schema
-from vastflow.oracles.results.executed import NAMED_FILES, KeptFiles
+from vastflow.oracles.results.executed import NAMED_FILES, KeptFiles, environment_names, kept_map
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import CODES, ConfigurationTable, VerdictTable
 from vastflow.oracles.results.units import units_of
 from vastflow.sim.model.digest import file_digest
+from vastflow.sim.world.map_file import MapError, map_content
 
 NAMES = ["a", "b", "c"]
 
@@ -129,6 +131,29 @@ def test_kept_files_are_found_by_digest(tmp_path):
     assert (files.path(file_digest(plan)), files.path("5011d")) == (plan, mesh)
     with pytest.raises(ValueError, match=re.escape("no file has the digest 0123456789ab… that the scenario names")):
         files.path("0123456789abcdef")
+
+
+@pytest.mark.parametrize("leads_out", ["link to the file", "link to the picture", "image"])
+def test_map_of_a_directory_that_leads_out_of_it_is_not_read(tmp_path, leads_out):
+    elsewhere, directory = tmp_path / "elsewhere", tmp_path / "results"
+    own = write_map(elsewhere, walled_room(2.0, 2.0))
+    digest, picture = map_content(own).digest, elsewhere / "map.pgm"
+    for folder in (directory / "inputs", directory / "environments" / digest):
+        folder.mkdir(parents=True)
+        file = folder / "map.yaml"
+        if leads_out == "link to the file":
+            file.symlink_to(own)
+        else:
+            file.write_text(
+                own.read_text().replace("image: ", f"image: {elsewhere}/" if leads_out == "image" else "image: ")
+            )
+        if leads_out == "link to the picture":
+            (folder / picture.name).symlink_to(picture)
+    assert environment_names(directory, [digest]) == {digest: digest[:8]}
+    with pytest.raises(MapError, match="expected map and picture in"):
+        kept_map(directory, digest)
+    with pytest.raises(ValueError, match="no file has the digest"):
+        KeptFiles(directory).path(digest)
 
 
 PLACES = [{"static_objects": [{"x": k}] * n, "start_pose": {"x": float(k)}} for n in (0, 2) for k in range(3)]

@@ -9,7 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
+from vastflow.sim.model import archive
 from vastflow.sim.model.archive import read_foreign_table
+from vastflow.sim.model.files import Unreadable
+from vastflow.sim.model.recording import Outputs
 from vastflow.sim.scenario.programs import outputs
 from vastflow.sim.scenario.programs.outputs import read_outputs, stamps
 
@@ -143,3 +146,11 @@ def test_pipe_or_name_without_text_is_noted(tmp_path):
     (left,) = found.left_out
     assert (left.path, left.why) == ("pipe", "not a file but a device, pipe or socket")
     assert read_outputs(tmp_path / "gone", {}).notes == (".: No such file or directory",)
+
+
+def test_archive_that_unpacks_to_more_than_outputs_have_is_refused(monkeypatch):
+    content = archive.write_outputs({0: Outputs({}, {"log.txt": b"0" * 5000})})
+    assert archive.read_outputs(content)[0].files == {"log.txt": b"0" * 5000}
+    monkeypatch.setattr(archive, "MOST_OUTPUTS_BYTES", 4999)
+    with pytest.raises(Unreadable, match="expected at most 4,999, got 5,000 bytes of outputs when unpacked"):
+        archive.read_outputs(content)
