@@ -9,9 +9,14 @@ import logging
 import os
 import queue
 import sys
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
+
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.files import Missing, read_text
 
 if TYPE_CHECKING:
     from prefect import Flow
@@ -45,14 +50,39 @@ ApiRoute: TypeAlias = Literal["/task_runs/count"]
 
 
 def import_prefect() -> bool:
-    """Import Prefect without telemetry, unless the user has set `DO_NOT_TRACK` to 0; True if it was imported before."""
+    """Import Prefect without telemetry, unless the user has set `DO_NOT_TRACK` to 0; True if it was imported before.
+
+    Raises:
+        UserError: see `check_working_directory`.
+    """
     imported_before = "prefect.main" in sys.modules
+    if not imported_before:
+        check_working_directory()
     os.environ.setdefault(DO_NOT_TRACK, "1")
     if "PREFECT_API_URL" not in os.environ:
         os.environ.setdefault(ANALYTICS, SERVER_SETTINGS[ANALYTICS])
     import prefect.main  # noqa: F401
 
     return imported_before
+
+
+def check_working_directory() -> None:
+    """Raise `UserError` if Prefect would take settings from files in the working directory, which may be a stranger's.
+
+    They name the server that gets the user's API key, and a configuration of logging, which calls any function.
+    """
+    for name in ("prefect.toml", "pyproject.toml", ".env"):
+        try:
+            text = read_text(name)
+            found = name == "prefect.toml" or "prefect_" in text.lower()
+            found = bool(tomllib.loads(text).get("tool", {}).get("prefect")) if name == "pyproject.toml" else found
+        except Missing:
+            continue
+        except (ValueError, AttributeError, RecursionError):  # nor can Prefect read it
+            found = True
+        if found:
+            what = f"{Path(name).absolute()}: got settings of Prefect in the working directory"
+            raise UserError(f"{what}; expected them in the environment or in a profile (`prefect config set`)")
 
 
 def post(client: "SyncPrefectClient", route: ApiRoute, content: Mapping[str, Any]) -> Any:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.prefect import adapter
 
 ROOT = Path(__file__).parents[2]
@@ -163,3 +164,28 @@ def test_generated_flow_run_names_are_recognized():
 
     assert all(adapter.is_generated_name(generate_slug(2)) for _ in range(200))
     assert not any(map(adapter.is_generated_name, ("nightly", "my-campaign", "amber-otter-2", "a name", "")))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("prefect.toml", ""),
+        ("pyproject.toml", "tool.prefect.api.url = 'http://127.0.0.1:1/api'"),
+        ("pyproject.toml", "[tool"),
+        (".env", "export Prefect_LOGGING_SETTINGS_PATH=evil.yml"),
+    ],
+)
+def test_prefect_is_not_imported_where_a_folder_would_configure_it(tmp_path, monkeypatch, name, text):
+    monkeypatch.chdir(tmp_path)
+    adapter.check_working_directory()
+    (tmp_path / name).write_text(text)
+    monkeypatch.delitem(sys.modules, "prefect.main", raising=False)
+    with pytest.raises(UserError, match="got settings of Prefect in the working directory; expected them in the env"):
+        adapter.import_prefect()
+
+
+def test_other_settings_in_the_working_directory_are_no_concern(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / ".env").write_text("AWS_PROFILE=mine\n")
+    (tmp_path / "pyproject.toml").write_text("[project]\nname = 'mine'\ndependencies = ['prefect_aws']\n")
+    adapter.check_working_directory()
