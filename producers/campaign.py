@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from vastflow.producers.campaign_file.document import Document, faults_of, read_document
 from vastflow.producers.campaign_file.nav2_parameters import nav2_params_of
 from vastflow.producers.campaign_file.postprocessing import step_notes, steps_of
+from vastflow.producers.campaign_file.robovast import EXPECTED, SCHEMAS
 from vastflow.producers.campaign_file.scenario import FROM_GOAL, abstract_scenario_of, programs_of
 from vastflow.producers.campaign_file.sections import Sequential
 from vastflow.producers.campaign_file.spec import (
@@ -125,6 +126,8 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
         FileError: every fault of the file.
     """
     document = read_document(path)
+    if (version := document.value(("version",))) in SCHEMAS:
+        raise FileError([document.fault(("version",), f"{version} is a schema of RoboVAST 2", EXPECTED)])
     path = Path(path).resolve()
     data, notes = _without_tolerated(document)
     faults: list[Fault] = []

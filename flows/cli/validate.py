@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -21,6 +22,18 @@ def _print_schema(asked: bool) -> None:
         raise typer.Exit
 
 
+def _print_converted(file: Path) -> None:
+    import yaml
+
+    from vastflow.producers.campaign_file.document import read_document
+    from vastflow.producers.campaign_file.robovast import Converter
+
+    converter = Converter()
+    print(yaml.safe_dump(converter.campaign(read_document(file).data), sort_keys=False, allow_unicode=True), end="")
+    for name in converter.left:
+        print(f"left out, as version 1 has no place for it: {name}", file=sys.stderr)
+
+
 @asking("map_dir", "as_v1", "strict")
 def validate(
     file: CampaignFile,
@@ -34,11 +47,17 @@ def validate(
             help="Print the JSON Schema of campaign files for editors, and exit.",
         ),
     ] = False,
+    from_robovast: Annotated[
+        bool, typer.Option("--from-robovast", help="Print a campaign file of RoboVAST 2 as version 1, and exit.")
+    ] = False,
 ) -> None:
     """Check a campaign file.
 
     All faults are reported at once, with their places and what was expected.
     """
+    if from_robovast:
+        _print_converted(file)
+        return
     from vastflow.flows.request.campaign_file import read_campaign, terminal_lines
     from vastflow.producers.campaign import infeasible_lengths
     from vastflow.producers.search.criteria import plan_text

@@ -83,7 +83,7 @@ class Resources(Section):
 
 
 class SecondaryContainer(Section):
-    """A secondary container: `name`, or `{name: , resources: {...}}`."""
+    """A secondary container: `name`, `{name: , resources: {...}}`, or `{name: {resources: {...}}}`."""
 
     name: str
     """Name of the container, unique in the campaign."""
@@ -97,8 +97,13 @@ class SecondaryContainer(Section):
             return {"name": value}
         if isinstance(value, dict):
             names = [key for key in value if key != "resources"]
-            if len(names) == 1 and names[0] != "name" and value[names[0]] is None:
-                return {"name": names[0], **{key: value[key] for key in ("resources",) if key in value}}
+            given = value[names[0]] if len(names) == 1 and names[0] != "name" else ""
+            if given is None or isinstance(given, dict):
+                return {
+                    "name": names[0],
+                    **{key: value[key] for key in ("resources",) if key in value},
+                    **(given or {}),
+                }
         return value
 
 

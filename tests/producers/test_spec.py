@@ -34,7 +34,7 @@ execution:
   timeout: 300
   simulation: own.module:Simulation
   resources: {cpu: [{here: 4}, {there: 8}], memory: [{here: 4Gi}]}
-  secondary_containers: [nav, {sim: , resources: {cpu: 2, memory: 2Gi, gpu: 1}}, {name: third}]
+  secondary_containers: [nav, {sim: , resources: {cpu: 2, memory: 2Gi, gpu: 1}}, {name: third}, {x: {resources: {cpu: 3}}}]
   env: [{LANGUAGE: en}, {COUNT: 2}]
   run_files: ['files/**', '*.xml']
   runs_per_job: 4
@@ -70,7 +70,7 @@ def complaints(folder: Path, text: str) -> list[str]:
 def test_keys_of_a_campaign_are_known() -> None:
     spec = spec_of(EVERY_KEY)
     assert spec.execution.runs == 20
-    assert [container.name for container in spec.execution.secondary_containers] == ["nav", "sim", "third"]
+    assert [container.name for container in spec.execution.secondary_containers] == ["nav", "sim", "third", "x"]
     assert spec.evaluation.oracles == [{"safety": {}}, {"performance": {"threshold": 0.22}}]
 
 

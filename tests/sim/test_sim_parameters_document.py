@@ -10,6 +10,7 @@ from table import each_row
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.files import MOST_LEVELS
 from vastflow.sim.nav2.parameter_files.document import parse, read_document
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 
 
 def values(text):
@@ -115,3 +116,33 @@ def test_any_text_is_a_document_or_has_faults(text):
         assert error.faults
     else:
         assert document.values
+
+
+@each_row(
+    ("text", "value"),
+    [
+        ("$(env SPEED 0.3)", 0.3),
+        ("$(env SPEED 3)", 3),
+        ("$(optenv ON true)", True),
+        ("$(env SPEED 1e-3)", 0.001),
+        ("'$(env SPEED 0.3)'", "0.3"),
+        ("$(env NAME '')/scan", "/scan"),
+        ("$(env A a)_$(env B b)", "a_b"),
+        ("[$(env A 1.0), 2.0]", [1.0, 2.0]),
+        ("$(env SPEED)", "$(env SPEED)"),
+        ("$(var speed)", "$(var speed)"),
+        ("$(find-pkg-share my_bot)/bt.xml", "$(find-pkg-share my_bot)/bt.xml"),
+    ],
+)
+def test_substitution_of_a_launch_file_is_its_default(monkeypatch, text, value):
+    monkeypatch.setenv("SPEED", "9.0")  # this machine's is not the robot's
+    (found,) = parse(f"amcl: {{ros__parameters: {{alpha1: {text}}}}}").values.values()
+    assert (found, type(found)) == (value, type(value))
+
+
+@each_row("text", ["$(env SPEED)", "$(var speed)", "$(eval 1.0 + 2.0)"])
+def test_substitution_without_default_is_an_error_that_says_what_to_do(text):
+    with pytest.raises(
+        FileError, match=r"alpha1: expected a number.*write what the launch file puts there, or \$\(env"
+    ):
+        interpretation(parse(f"amcl: {{ros__parameters: {{alpha1: {text}}}}}"))

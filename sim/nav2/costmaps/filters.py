@@ -87,7 +87,7 @@ def keep_out(costs: Any, keepout: Any, override: int, row0: int, row1: int, col0
 
 @inner
 def keep_out_of_window(window: Window, mask: Mask, map_odom: Any, q: Any, x_m: float, y_m: float) -> None:
-    """Raise a window of the odom frame to a mask, for a robot at (x, y) of the map and the transform `map_odom`."""
+    """Raise a window of the odom frame to a mask, for a robot at (x, y) on the map."""
     inside, own_row, own_column = cell_of(mask, x_m, y_m)
     override = override_at(q, mask.cells[own_row, own_column]) if inside else NOTHING
     c, s = math.cos(map_odom[2]), math.sin(map_odom[2])

@@ -27,6 +27,9 @@ ANY_NUMBER: Final = "**"
 """Wildcards: one part of a node's full name, and any number of them."""
 
 TAG: Final = "tag:yaml.org,2002:"
+SUBSTITUTION: Final = "$("
+"""Begins what a launch file replaces in a parameter file, as in `$(env SPEED 0.3)`."""
+ENVIRONMENT: Final = re.compile(r"\$\((?:opt)?env +[^\s()]+ +'?([^()']*)'?\)")
 EXPONENT: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+")
 _CONSTRUCTOR: Final = SafeConstructor()
 WHOLE_FILE: Final = "a whole Nav2 parameter file, 'node: {ros__parameters: {...}}'"
@@ -199,6 +202,9 @@ class _Walk:
     def _scalar(self, node: Node, path: ParameterLocation) -> Value:
         if not isinstance(node, ScalarNode):
             return []
+        if SUBSTITUTION in node.value and (text := ENVIRONMENT.sub(r"\1", node.value)) != node.value:
+            plain = node if node.style else yaml_node(text)  # quoted text stays text
+            node = ScalarNode(plain.tag if plain else node.tag, text, node.start_mark, node.end_mark, node.style)
         kind, text = str(node.tag).removeprefix(TAG), str(node.value)
         if kind in ("str", "timestamp", "value", "merge"):
             return float(text) if not node.style and EXPONENT.fullmatch(text) else text

@@ -13,7 +13,7 @@ from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaints, source_of
 from vastflow.sim.model.rates import held_hz
 from vastflow.sim.nav2.parameter_files.declared import Declared, declared_defaults
-from vastflow.sim.nav2.parameter_files.document import ParameterDocument, dotted
+from vastflow.sim.nav2.parameter_files.document import SUBSTITUTION, ParameterDocument, dotted
 from vastflow.sim.nav2.parameter_files.nodes import PluginClass, Plugins, class_name, short_class
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import FILE, Registry
@@ -71,6 +71,8 @@ class Reader:
         self.faults: list[Fault] = []
 
     def fault(self, path: ParameterLocation, problem: str, expected: str) -> None:
+        if SUBSTITUTION in str(self.document.values.get(path)):
+            expected += "; write what the launch file puts there, or $(env NAME DEFAULT)"
         place = Place(self.document.file, *self.document.place(path), dotted(path))
         self.faults.append(Fault(place, problem, expected))
 

@@ -1,0 +1,111 @@
+"""Campaign files of RoboVAST 2 (its schemas 2 to 4), and what of them a file of version 1 says."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from vastflow.producers.campaign_file.spec import CampaignSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY
+
+SCHEMAS: Final = (2, 3, 4)
+EXPECTED: Final = (
+    "version 1, which 'vastflow validate --from-robovast' writes from it: parameters.scenario, .sim and .sut become a list, "
+    "containers become image, resources, and secondary_containers"
+)
+_ROLES: Final = {"start": "start_pose", "goal": "goal_poses", "goals": "goal_poses"}
+_SLOTS: Final = ("scenario", "sim", "sut")
+_RESOURCES: Final = ("cpu", "memory")
+_MAIN: Final = ("scenario", "sut", "simulation")
+"""Containers of which the first that there is becomes the main one."""
+
+
+class Converter:
+    """Converts one file; `left` names what version 1 has no place for."""
+
+    def __init__(self) -> None:
+        self.left: list[str] = []
+
+    def campaign(self, data: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a file of version 1 with all that maps."""
+        found = {"version": 1, **self._kept(data, CampaignSpec.model_fields, "", ("version",))}
+        if isinstance(families := data.get("configuration"), list):
+            places = [f"configuration[{k}]" for k in range(len(families))]
+            found["configuration"] = [self._family(*each) for each in zip(families, places, strict=True)]
+        for name, fields in (("execution", ExecutionSpec), ("results_processing", ResultsProcessingSpec)):
+            if isinstance(section := data.get(name), Mapping):
+                found[name] = self._kept(section, fields.model_fields, f"{name}.", ("containers",))
+        if isinstance(execution := found.get("execution"), dict):
+            execution |= self._containers(data["execution"].get("containers") or {})
+            if isinstance(limit_s := execution.get("timeout"), int | float):  # of a job, which has several runs
+                execution["timeout"] = limit_s / execution.get("runs_per_job", 1)
+        if isinstance(search := found.get("search"), Mapping):
+            found["search"] = self._family(search, "search", search)
+        return found
+
+    def _kept(
+        self, section: Mapping[str, Any], fields: Mapping[str, Any], place: str, special: tuple[str, ...] = ()
+    ) -> dict[str, Any]:
+        self.left += [f"{place}{key}" for key in section if key not in fields and key not in special]
+        return {key: value for key, value in section.items() if key in fields and key not in special}
+
+    def _family(self, family: Any, place: str, fields: Mapping[str, Any] = FamilySpec.model_fields) -> Any:
+        if not isinstance(family, Mapping):
+            return family
+        found = self._kept(family, fields, f"{place}.")
+        if isinstance(given := family.get("parameters"), Mapping):
+            pairs = [
+                pair for slot in given for pair in self._parameters(slot, given[slot], f"{place}.parameters.{slot}")
+            ]
+            found["parameters"] = [{key: value} for key, value in pairs]
+        if isinstance(steps := family.get("variations"), list):
+            found["variations"] = [self._variation(step, f"{place}.variations[{k}]") for k, step in enumerate(steps)]
+        return found
+
+    def _parameters(self, slot: str, values: Any, place: str) -> Iterator[tuple[str, Any]]:
+        for key, value in values.items() if isinstance(values, Mapping) else ():
+            if name := self._name(slot, str(key), place):
+                yield name, value
+
+    def _name(self, slot: str, name: str, place: str) -> str:
+        """Return the key of a slot's parameter, empty with a word of it where there is none."""
+        key = {"scenario": name, "sut": name.partition(".")[2]}.get(slot, name if name in DIMENSION_OF_KEY else "")
+        self.left += [] if key else [f"{place}.{name}"]
+        return key
+
+    def _variation(self, step: Any, place: str) -> Any:
+        if not isinstance(step, Mapping) or len(step) != 1:
+            return step
+        ((kind, given),) = step.items()
+        if not isinstance(given, Mapping):
+            return step
+        names: list[str] = []
+        found: dict[str, Any] = {}
+        for slot in (key for key in _SLOTS if key in given):
+            where, value = f"{place}.{kind}.{slot}", given[slot]
+            if isinstance(value, Mapping):  # roles of the producer's
+                found |= {_ROLES[role]: name for role, name in value.items() if role in _ROLES}
+                value = [name for role, name in value.items() if role not in _ROLES]
+            named = [value] if isinstance(value, str) else value
+            if slot == "sim" and not kind.startswith("Parameter"):  # what it writes, such as a list of obstacles
+                slot = "scenario"
+            names += filter(None, (self._name(slot, str(name), where) for name in named))
+        self.left += [f"{place}.{kind}.reads"] if "reads" in given else []
+        if names:
+            found["name"] = names[0] if len(names) == 1 else names
+        return {kind: found | {key: value for key, value in given.items() if key not in (*_SLOTS, "reads")}}
+
+    def _containers(self, containers: Mapping[str, Any]) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        order = [name for name in _MAIN if name in containers]
+        for name in [*order, *(name for name in containers if name not in order)]:
+            given = containers[name] or {}
+            fields = {key: given[key] for key in ("image",) if key in given}
+            resources = {key: value for key, value in (given.get("resources") or {}).items() if key in _RESOURCES}
+            fields |= {"resources": resources} if resources else {}
+            unused = [key for key in given if key not in ("image", "resources")]
+            unused += [f"resources.{key}" for key in given.get("resources") or {} if key not in _RESOURCES]
+            self.left += [f"execution.containers.{name}.{key}" for key in unused]
+            if name == (order or [*containers])[0]:
+                found |= fields
+            else:
+                found.setdefault("secondary_containers", []).append({"name": name, "resources": resources or None})
+        return found

@@ -1,0 +1,90 @@
+"""Campaign files of RoboVAST 2: what is said of them, and what they are as version 1."""
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from vastflow.flows.cli.__main__ import app
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.campaign_file.robovast import Converter
+from vastflow.sim.model.faults import FileError
+
+FILE = """
+version: 4
+metadata: {name: hall}
+plugins: [robovast-nav]
+configuration:
+  - name: hall
+    use: [base]
+    parameters:
+      scenario: {start_pose: {x: 1.0, y: 1.0, yaw: 0.0}, goal_pose: {x: 8.0, y: 1.0, yaw: 0.0}}
+      sim: {map_file: hall.yaml, lighting: dim}
+      sut: {nav2.controller_server.FollowPath.vx_max: 0.4, other: 1}
+    variations:
+      - ParameterVariationList: {sut: nav2.robot_radius, values: [0.2, 0.25]}
+      - ParameterVariationList: {scenario: [a, b], values: [[0.0, 1.0]]}
+      - PathVariationRandom: {scenario: {start: start_pose, goal: goal_poses}, path_length: 5.0}
+      - ObstacleVariation: {sim: static_objects, reads: {map: map_file}, seed: 1}
+execution:
+  runs: 2
+  timeout: 240
+  runs_per_job: 2
+  shm_size: 512Mi
+  containers:
+    sut: {ros_packages: [], resources: {cpu: 2}}
+    scenario: {image: a/b, resources: {cpu: 4, memory_limit: 8Gi}}
+results_processing: {postprocessing: [], health_checks: [nav2]}
+visualization: {}
+"""
+
+
+@pytest.mark.parametrize("version", [2, 3, 4])
+def test_schema_of_robovast_2_is_an_error_that_names_the_converter(tmp_path, version):
+    (file := tmp_path / "a.vast").write_text(FILE.replace("version: 4", f"version: {version}"))
+    with pytest.raises(
+        FileError, match=rf"2:10: version: {version} is a schema of RoboVAST 2; .*--from-robovast"
+    ) as caught:
+        load_campaign(file)
+    assert len(caught.value.faults) == 1
+
+
+def test_converter_writes_what_version_1_can_say_and_names_the_rest():
+    converter = Converter()
+    found = converter.campaign(yaml.safe_load(FILE))
+    (family,) = found["configuration"]
+    assert [key for entry in family["parameters"] for key in entry] == [
+        *("start_pose", "goal_pose", "map_file", "controller_server.FollowPath.vx_max"),
+    ]
+    assert family["variations"] == [
+        {"ParameterVariationList": {"name": "robot_radius", "values": [0.2, 0.25]}},
+        {"ParameterVariationList": {"name": ["a", "b"], "values": [[0.0, 1.0]]}},
+        {"PathVariationRandom": {"start_pose": "start_pose", "goal_poses": "goal_poses", "path_length": 5.0}},
+        {"ObstacleVariation": {"name": "static_objects", "seed": 1}},
+    ]
+    execution = found["execution"]
+    assert (execution["timeout"], execution["image"], execution["resources"]) == (120.0, "a/b", {"cpu": 4})
+    assert execution["secondary_containers"] == [{"name": "sut", "resources": {"cpu": 2}}]
+    assert sorted(converter.left) == [
+        "configuration[0].parameters.sim.lighting",
+        "configuration[0].parameters.sut.other",
+        "configuration[0].use",
+        "configuration[0].variations[3].ObstacleVariation.reads",
+        "execution.containers.scenario.resources.memory_limit",
+        "execution.containers.sut.ros_packages",
+        "execution.shm_size",
+        "plugins",
+        "results_processing.health_checks",
+        "visualization",
+    ]
+
+
+def test_converted_file_is_a_campaign(tmp_path):
+    """Without what only a file of RoboVAST's own has beside it."""
+    (tmp_path / "a.vast").write_text(
+        "version: 4\nconfiguration: [{name: a, parameters: {scenario: {goal_pose: {x: 1.0, y: 1.0, yaw: 0.0}}}}]"
+    )
+    shown = CliRunner().invoke(app, ["validate", "--from-robovast", str(tmp_path / "a.vast")])
+    (tmp_path / "b.vast").write_text(shown.stdout)
+    with pytest.raises(FileError) as caught:
+        load_campaign(tmp_path / "b.vast")
+    assert all("map_file" in str(fault) for fault in caught.value.faults)
