@@ -48,8 +48,10 @@ def params(
 
 
 def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[str, int]) -> Mapping[str, Any]:
+    from vastflow.sim.nav2.parameter_files.command_chain import command_chain
     from vastflow.sim.nav2.parameter_files.document import dotted
-    from vastflow.sim.nav2.parameter_files.findings import command_chain, left_out, omitted, refusals
+    from vastflow.sim.nav2.parameter_files.findings import left_out, omitted
+    from vastflow.sim.nav2.parameter_files.refusals import refusals
     from vastflow.sim.nav2.parameter_files.releases import changes_since_jazzy, release_of
     from vastflow.sim.nav2.parameter_files.robots import namespace_text
     from vastflow.sim.reading.robot import lidar_of, robot_facts, robot_of
@@ -79,7 +81,7 @@ def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping
         "warnings": {dotted(path): list(said) for path, said in found.reader.warnings.items()},
         "nav2_release": release_of(found.document),
         "release_differences": [change._asdict() for change in changes_since_jazzy(found.document, kinds)],
-        "command_chain": command_chain(found),
+        "command_chain": command_chain(found.document, found.left_away),
         "nodes_of_jazzy": found.replaced,
         "nodes_of_code": found.absent,
         "nodes_left_away": found.left_away,
@@ -90,7 +92,9 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
     from vastflow.flows.terminal.display import printed, terminal_table
     from vastflow.producers.campaign_file.nav2_parameters import short
     from vastflow.producers.model.faults import shown
-    from vastflow.sim.nav2.parameter_files.findings import command_chain, left_out, omitted, refusals
+    from vastflow.sim.nav2.parameter_files.command_chain import command_chain
+    from vastflow.sim.nav2.parameter_files.findings import left_out, omitted
+    from vastflow.sim.nav2.parameter_files.refusals import refusals
     from vastflow.sim.nav2.parameter_files.releases import changes_since_jazzy, guessed_release
     from vastflow.sim.reading.robot import robot_facts, robot_words
 
@@ -141,5 +145,5 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
     print(f"release: Nav2 {release.title()}, {f'the first with {name!r}' if name else 'as nothing in it is newer'}")
     for change in changes_since_jazzy(found.document, {*found.reader.kinds.values()}):
         print(f"differs: since {change.since.title()} {change.words} ({change.source}); {change.here} here")
-    print(f"commands: {command_chain(found)}")
+    print(f"commands: {command_chain(found.document, found.left_away)}")
     print(*robot_words(robot_facts(found.parameters)), sep="\n")

@@ -13,9 +13,10 @@ from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files import document as parameters
 from vastflow.sim.nav2.parameter_files.controller_server import critics_of
-from vastflow.sim.nav2.parameter_files.findings import Finding, defaults_row, findings, omitted, refusals, slips
+from vastflow.sim.nav2.parameter_files.findings import Finding, defaults_row, findings, omitted, slips
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, file_value, frozen, read_nav2_document
+from vastflow.sim.nav2.parameter_files.refusals import refusals
 from vastflow.sim.nav2.parameter_files.releases import RELEASE_KEY, RELEASES, changes_since_jazzy
 
 WHERE: Final[Location] = ("execution", FILE_KEY)

@@ -7,7 +7,8 @@ from typing import Final, Literal, TypeAlias
 
 from vastflow.sim.model.polygon import Vertices, vertices_of
 from vastflow.sim.model.rates import held_hz
-from vastflow.sim.nav2.parameter_files.interpretation import NO_SMOOTHER, is_omni
+from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER
+from vastflow.sim.nav2.parameter_files.interpretation import is_omni
 from vastflow.sim.nav2.parameters.mppi import MotionModel, MppiParameters
 from vastflow.sim.nav2.parameters.robot import IDEAL, Latency, LidarParameters, OdometryDrift
 from vastflow.sim.nav2.parameters.servers import SmacPlannerHybrid, VelocitySmoother

@@ -10,9 +10,10 @@ from vastflow.producers.campaign_file.nav2_parameters import nav2_params_of
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import parse
-from vastflow.sim.nav2.parameter_files.findings import findings, refusals
+from vastflow.sim.nav2.parameter_files.findings import findings
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.nav2.parameter_files.refusals import refusals
 from vastflow.sim.nav2.parameter_files.releases import release_of
 
 INFLATION = "inflation_layer: {plugin: 'nav2_costmap_2d::InflationLayer'}"

@@ -11,10 +11,11 @@ from table import each_row
 
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.parameter import ParameterGroup
+from vastflow.sim.nav2.parameter_files.built_in import BuiltIn, built_in
 from vastflow.sim.nav2.parameter_files.chosen import check_key, parameters_of
 from vastflow.sim.nav2.parameter_files.controller_server import critics_of
 from vastflow.sim.nav2.parameter_files.document import dotted, parse, read_document
-from vastflow.sim.nav2.parameter_files.findings import TABLES, BuiltIn, findings, left_out
+from vastflow.sim.nav2.parameter_files.findings import findings, left_out
 from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameter_files.nodes import (
     FILTERS,
@@ -151,7 +152,7 @@ def test_left_out_parameters_have_the_values_of_nav2s_code():
 
 def test_modeled_parameters_are_not_built_in():
     modeled = {path[-1] for path in interpretation(document_of(NavParameters())).reader.fields}
-    tabled = {name for kind in ("amcl", "scan", "NavfnPlanner", "velocity_smoother") for name in TABLES[kind]}
+    tabled = {name for kind in ("amcl", "scan", "NavfnPlanner", "velocity_smoother") for name in built_in()[kind]}
     assert modeled & tabled == set()
 
 

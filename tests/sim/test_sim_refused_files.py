@@ -7,8 +7,8 @@ from table import each_row
 
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
 from vastflow.sim.nav2.parameter_files.document import parse
-from vastflow.sim.nav2.parameter_files.findings import refusals
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.refusals import refusals
 
 RPP = "{plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}"
 SIMPLE = "{plugin: 'nav2_controller::SimpleGoalChecker', xy_goal_tolerance: 0.05}"

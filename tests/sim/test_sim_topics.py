@@ -3,9 +3,10 @@
 from table import each_row
 
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of, unused_because
+from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER, command_chain
 from vastflow.sim.nav2.parameter_files.document import parse
-from vastflow.sim.nav2.parameter_files.findings import command_chain, findings
-from vastflow.sim.nav2.parameter_files.interpretation import NO_SMOOTHER, interpretation
+from vastflow.sim.nav2.parameter_files.findings import findings
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 
 RPP = "{plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}"
@@ -72,10 +73,13 @@ MONITOR = "collision_monitor: {ros__parameters: {polygons: [], observation_sourc
 )
 def test_commands_pass_where_the_monitors_topics_meet(topics, greatest_mps, chain):
     found = interpretation(parse(MONITOR.replace("TOPICS", topics)))
-    assert command_chain(found) == chain
+    assert command_chain(found.document, found.left_away) == chain
     assert found.parameters.velocity_smoother.max_velocity[0] == greatest_mps
     assert bool(found.reader.warnings) == bool(topics)
 
 
 def test_chain_without_a_monitor_ends_at_the_smoother():
-    assert command_chain(interpretation(parse("amcl: {ros__parameters: }"))) == "controller → velocity_smoother → base"
+    assert (
+        command_chain(parse("amcl: {ros__parameters: }"), ("collision_monitor",))
+        == "controller → velocity_smoother → base"
+    )

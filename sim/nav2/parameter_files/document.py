@@ -90,6 +90,11 @@ def dotted(path: ParameterLocation) -> str:
     return ".".join(path)
 
 
+def nearest_of(path: ParameterLocation, groups: Mapping[ParameterLocation, object]) -> ParameterLocation | None:
+    """The longest path among `groups` that `path` is or is below of."""
+    return next((path[:n] for n in range(len(path), 0, -1) if path[:n] in groups), None)
+
+
 def read_document(path: str | Path) -> ParameterDocument:
     """Read a Nav2 parameter file; of several YAML documents in it the first.
 

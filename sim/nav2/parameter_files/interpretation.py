@@ -11,15 +11,14 @@ from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.model.polygon import area_of, vertices_of
+from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER, smoother_between
 from vastflow.sim.nav2.parameter_files.controller_server import read_controller_server, written_controller_server
 from vastflow.sim.nav2.parameter_files.costmaps import (
     check_speed_filter,
     read_costmap,
-    topic_of,
     unheard_speed_filters,
     written_costmap,
 )
-from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
 from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name, short_class
 from vastflow.sim.nav2.parameter_files.plug_ins import PLANNER_PLUG_INS
@@ -82,16 +81,6 @@ def _refuse_releases_before_foxy(reader: Reader) -> None:
         if new and (*path[:-1], new) not in document.values:
             right = f"'{new}', and 'plugin: package::Class' below each name, as since Foxy"
             reader.fault(path, "got a list of Nav2 Eloquent's, which has the classes in another list", right)
-
-
-NO_SMOOTHER: Final = VelocitySmoother(
-    max_velocity=(100.0, 100.0, 100.0),
-    min_velocity=(-100.0, -100.0, -100.0),
-    max_accel=(1000.0, 1000.0, 1000.0),
-    max_decel=(-1000.0, -1000.0, -1000.0),
-    velocity_timeout=1e6,
-)
-"""A smoother that lets every command through: only the actuators' limits are left."""
 
 
 @dataclass(frozen=True)
@@ -167,53 +156,12 @@ def interpretation(document: ParameterDocument, *, drawn: bool = False) -> Inter
     parts |= _distances_of_the_inflation(reader, parts)
     _check_mppi(reader, parts)
     _check_turning_radius(reader, parts)
-    parts |= {**unheard_speed_filters(reader, parts), **_joined(reader)}
+    parts |= {**unheard_speed_filters(reader, parts), **smoother_between(reader)}
     check_speed_filter(reader, parts)
     if reader.faults:
         raise FileError(reader.faults)
     replaced = () if "controller" in parts else ("controller",)
     return Interpretation(document, NavParameters(**parts), reader, replaced, tuple(absent), tuple(left_away))
-
-
-_STANDING: Final = VelocitySmoother(max_velocity=(0.0, 0.0, 0.0), min_velocity=(0.0, 0.0, 0.0))
-"""A smoother whose commands do not arrive: the robot stands."""
-
-
-def monitored_topics(document: ParameterDocument) -> tuple[str, str] | None:
-    """Return the topics that the collision monitor listens and publishes on; None without one."""
-    node, declared = document.node("collision_monitor"), declared_defaults()["collision_monitor"]
-    if node is None:
-        return None
-    topics = (document.values.get((*node, name), declared[name].default) for name in _MONITORED)
-    into, out = map(topic_of, topics)
-    return into, out
-
-
-def _joined(reader: Reader) -> Mapping[str, VelocitySmoother]:
-    """Return the smoother that commands pass by the topics of the collision monitor, where it is not the file's."""
-    node = reader.document.node("collision_monitor") or ()
-    paths = [(*node, name) for name in _MONITORED]
-    reader.asked |= {path: reader.document.values[path] for path in paths if path in reader.document.values}
-    match monitored_topics(reader.document):
-        case None | ("cmd_vel_smoothed", "cmd_vel"):
-            return {}
-        case ("cmd_vel_smoothed", out):
-            reader.warnings[paths[1]] = (
-                f"publishes on {out}",
-                "the robot drives if its base listens there, as is assumed",
-            )
-            return {}
-        case ("cmd_vel_nav", _):
-            words = "listens on cmd_vel_nav, where the controller publishes"
-            reader.warnings[paths[0]] = words, "the velocity smoother has no effect"
-            return {"velocity_smoother": NO_SMOOTHER}
-        case (into, _):
-            words = f"listens on {into}, and the velocity smoother publishes on cmd_vel_smoothed"
-            reader.warnings[paths[0]] = words, "no command arrives: the robot stands"
-            return {"velocity_smoother": _STANDING}
-
-
-_MONITORED: Final = ("cmd_vel_in_topic", "cmd_vel_out_topic")
 
 
 def is_omni(controller: object) -> bool:

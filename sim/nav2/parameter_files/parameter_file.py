@@ -175,5 +175,5 @@ def _content_digest(document: ParameterDocument) -> str:
     values = {dotted(path): value for path, value in document.values.items() if node_of(path) in nodes}
     plug_ins = {name: snapshot.digest for name, snapshot in document.plug_ins.items()}
     robots = robots_of(document)  # without a namespace of the campaign's the first counts
-    more: list[Value] = [plug_ins, robots if len(robots) > 1 else ()]
-    return digest(sorted(map(dotted, nodes)), values, *(part for part in more if part))
+    more: list[Value] = [plug_ins] if plug_ins else []
+    return digest(sorted(map(dotted, nodes)), values, *more, *([robots] if len(robots) > 1 else []))

@@ -1,0 +1,74 @@
+"""The chain of a command: controller, velocity smoother, collision monitor, base, joined by their topics."""
+
+from collections.abc import Collection, Mapping
+from typing import Final
+
+from vastflow.sim.nav2.parameter_files.costmaps import topic_of
+from vastflow.sim.nav2.parameter_files.declared import declared_defaults
+from vastflow.sim.nav2.parameter_files.document import ParameterDocument
+from vastflow.sim.nav2.parameter_files.reader import Reader
+from vastflow.sim.nav2.parameters.servers import VelocitySmoother
+
+NO_SMOOTHER: Final = VelocitySmoother(
+    max_velocity=(100.0, 100.0, 100.0),
+    min_velocity=(-100.0, -100.0, -100.0),
+    max_accel=(1000.0, 1000.0, 1000.0),
+    max_decel=(-1000.0, -1000.0, -1000.0),
+    velocity_timeout=1e6,
+)
+"""A smoother that lets every command through: only the actuators' limits are left."""
+
+_STANDING: Final = VelocitySmoother(max_velocity=(0.0, 0.0, 0.0), min_velocity=(0.0, 0.0, 0.0))
+"""A smoother whose commands do not arrive: the robot stands."""
+
+
+def monitored_topics(document: ParameterDocument) -> tuple[str, str] | None:
+    """Return the topics that the collision monitor listens and publishes on; None without one."""
+    node, declared = document.node("collision_monitor"), declared_defaults()["collision_monitor"]
+    if node is None:
+        return None
+    topics = (document.values.get((*node, name), declared[name].default) for name in _MONITORED)
+    into, out = map(topic_of, topics)
+    return into, out
+
+
+def smoother_between(reader: Reader) -> Mapping[str, VelocitySmoother]:
+    """Return the smoother that commands pass by the topics of the collision monitor, where it is not the file's."""
+    node = reader.document.node("collision_monitor") or ()
+    paths = [(*node, name) for name in _MONITORED]
+    reader.asked |= {path: reader.document.values[path] for path in paths if path in reader.document.values}
+    match monitored_topics(reader.document):
+        case None | ("cmd_vel_smoothed", "cmd_vel"):
+            return {}
+        case ("cmd_vel_smoothed", out):
+            reader.warnings[paths[1]] = (
+                f"publishes on {out}",
+                "the robot drives if its base listens there, as is assumed",
+            )
+            return {}
+        case ("cmd_vel_nav", _):
+            words = "listens on cmd_vel_nav, where the controller publishes"
+            reader.warnings[paths[0]] = words, "the velocity smoother has no effect"
+            return {"velocity_smoother": NO_SMOOTHER}
+        case (into, _):
+            words = f"listens on {into}, and the velocity smoother publishes on cmd_vel_smoothed"
+            reader.warnings[paths[0]] = words, "no command arrives: the robot stands"
+            return {"velocity_smoother": _STANDING}
+
+
+_MONITORED: Final = ("cmd_vel_in_topic", "cmd_vel_out_topic")
+
+
+def command_chain(document: ParameterDocument, left_away: Collection[str]) -> str:
+    """Draw the chain of a command from the controller to the base, by its topics."""
+    smoother = "" if "velocity_smoother" in left_away else " → velocity_smoother"
+    topics = monitored_topics(document)
+    if topics is None:
+        return f"controller{smoother} → base"
+    into, out = topics
+    if into == "cmd_vel_nav":
+        through = " → (cmd_vel_nav) "
+    else:
+        gap = "" if into == "cmd_vel_smoothed" else f" ✗ ({into})"
+        through = f"{smoother} → (cmd_vel_smoothed){gap} "
+    return f"controller{through}→ collision_monitor → ({out}) → base"
