@@ -110,8 +110,9 @@ def _results(
     def stages(task_runs: TaskRuns, judged: Judged | None) -> Judged:
         if judged is None:
             computing.tally.begin("instantiating")
-            judged = scanned(run, computing, instantiate(task_runs, run.instantiator))
-        return computed(judged, computing, partial(_compute, task_runs))
+            note = partial(run.due.evaluate, run.store)
+            judged = scanned(run, computing, instantiate(task_runs, run.instantiator, note))
+        return computed(judged, computing, partial(_compute, run, judged, task_runs))
 
     def completed(judged: Judged | None) -> Judged:
         if run.search is None:
@@ -130,6 +131,9 @@ def _results(
     raise AssertionError("attempts end with an error")
 
 
-def _compute(task_runs: TaskRuns, due: Sequence[FoundRuns], shards: Sequence[Shard]) -> None:
+def _compute(
+    run: PreparedCampaign, judged: Judged, task_runs: TaskRuns, due: Sequence[FoundRuns], shards: Sequence[Shard]
+) -> None:
+    run.due.compute(due, judged.instantiated.instantiation.configurations)
     task_runs.engine.start([each.configuration for each in due if each.missing_runs])
     compute(task_runs, shards)

@@ -22,6 +22,7 @@ from vastflow.flows.terminal.progress import Meter, pace_words
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.intervals import LEVEL
+from vastflow.sim.model.files import read_json
 from vastflow.tasks.engine.progress import Phase, Progress
 from vastflow.tasks.prefect.containers import label_of
 from vastflow.tasks.prefect.server import is_embedded
@@ -188,6 +189,8 @@ def publish(found: Results, name: str, reports: str | None = None) -> None:
     link = report.as_uri() if reports is None else f"{reports.rstrip('/')}/{found.directory.name}/report.html"
     with tolerated():
         _create(f"{key_of(name)}-results", "table", json.dumps(result_rows(found)), f"**{name}**, {outcome}")
+        if why := read_json(found.directory / "metadata.json").get("why"):
+            _create(f"{key_of(name)}-why", "table", json.dumps(why), f"What **{name}** computed, and why")
         _create(f"{key_of(name)}-report", "markdown", f"[report.html]({link})", f"Report of **{name}**: `{report}`")
 
 

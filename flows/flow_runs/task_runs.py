@@ -4,7 +4,7 @@ import contextvars
 import logging
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final
 from uuid import UUID
@@ -233,10 +233,17 @@ def suspendable(engine: Engine) -> Iterator[None]:
         ended.set()
 
 
-def instantiate(task_runs: TaskRuns, instantiator: Instantiator) -> Instantiated:
+def instantiate(
+    task_runs: TaskRuns,
+    instantiator: Instantiator,
+    note: Callable[[Sequence[EvaluationRequest]], None] = lambda requests: None,
+) -> Instantiated:
     """Evaluate each producer once per distinct input.
 
     C^i = { c ⊕ f : c ∈ C^{i-1}, f ∈ p_i(c) }
+
+    Args:
+        note: Is given the evaluations before they are made.
 
     Raises:
         FileError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
@@ -244,6 +251,7 @@ def instantiate(task_runs: TaskRuns, instantiator: Instantiator) -> Instantiated
     """
 
     def evaluated(requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
+        note(requests)
         shards = [shard for request in requests for shard in _producer_shards(request)]
         return {key: error for future in task_runs.map("evaluate", shards) for key, error in future.result().items()}
 

@@ -4,7 +4,7 @@ import itertools
 import math
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,17 +12,19 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from vastflow.flows.plan.reasons import HereEvaluator, Reasons, Step
 from vastflow.flows.request.campaign_file import campaign_keys, campaign_name, read_campaign
 from vastflow.flows.request.configurations import distinct_configurations, narrowed
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.stopping import stopping_of
 from vastflow.flows.results.past import Past, newest_past, past_of
-from vastflow.flows.results.provenance import STAGES, DueReason, ReasonKind, Stage, ingredients_row, origin_row
+from vastflow.flows.results.provenance import Stage, ingredients_row, origin_row
+from vastflow.flows.results.reasons import Reasons, Step, due_steps, reused_steps
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.observation.situation import situation_of
+from vastflow.producers.floorplan.environment import environments_in
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.model.configuration import Configuration
+from vastflow.producers.model.producer import evaluate
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import PATH_KEY, PATH_LENGTH_KEY
 from vastflow.producers.search.criteria import plan_text
@@ -30,13 +32,13 @@ from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.reading.script import script_of
 from vastflow.sim.world.map_file import load_map
-from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing
-from vastflow.tasks.engine.instantiation import Instantiator, ProducerFault
+from vastflow.tasks.engine.evaluation import FRAGMENTS, write_evaluation
+from vastflow.tasks.engine.index import Index, missing
+from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiator, ProducerFault
 from vastflow.tasks.engine.pool import cores
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import installed_tree
-from vastflow.tasks.store.artifact import Stored
-from vastflow.tasks.store.store import Lost, open_store
+from vastflow.tasks.store.store import Lost, Store, open_store
 
 MEAN_SPEED_MPS: Final = 0.3
 """Along the path, with stops and recoveries: 120 runs of some 6 m in `campaigns/quickstart` are about 40 minutes."""
@@ -199,11 +201,13 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     reasons.configurations = {each.name: each for each in found.instantiation.configurations}
     steps = list(evaluator.steps.values())
     for configuration in configurations:
+        certain = configuration.runs
         if stopping is not None:  # an undecided one keeps the maximum
             decided, blocks = stopping.stored(index, configuration)
             whole = all(each.verdicts for each in blocks) and not missing([b.block for b in blocks], decided.runs)
-            configuration = decided if whole else configuration
-        steps += _run_steps(configuration, index.stored(configuration), reasons)
+            configuration, certain = decided if whole else configuration, decided.runs
+        stored = index.stored(configuration)
+        steps += [*reused_steps(configuration, stored), *due_steps(configuration, certain, stored, reasons)]
     executed: Counter[str] = Counter()
     for step in steps:
         executed[step.subject] += step.amount * (step.stage == "execute" and step.reason is not None)
@@ -224,74 +228,40 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     )
 
 
-def _run_steps(configuration: ConfigurationRuns, stored: Sequence[Stored], reasons: Reasons) -> Iterator[Step]:
-    absent = missing([each.block for each in stored], configuration.runs)
-    recorded, observed, judged = set[int](), set[int](), set[int]()
-    for each in stored:
-        span = range(each.block.start, min(each.block.stop, configuration.runs))
-        recorded.update(span)
-        observed.update(span if each.trace else ())
-        judged.update(span if each.verdicts else ())
-    amounts: list[tuple[Stage, int, DueReason | None]] = [
-        ("execute", len(recorded), None),
-        ("observe", len(observed), None),
-        ("judge", len(judged), None),
-    ]
-    if absent:
-        amounts += [("execute", amount, reason) for reason, amount in reasons.execute(configuration, absent)]
-        amounts.append(("observe", len(absent), _FOLLOWS_EXECUTE))
-    if unobserved := len(recorded - observed):
-        amounts.append(("observe", unobserved, reasons.later("observe", configuration)))
-    follows = _FOLLOWS_EXECUTE if absent else _FOLLOWS_OBSERVE
-    amounts.append(("judge", configuration.runs - len(observed), follows))
-    if unjudged := len(observed - judged):
-        amounts.append(("judge", unjudged, reasons.later("judge", configuration)))
-    for stage, amount, why in amounts:
-        if amount:
-            yield Step(stage, configuration.family, configuration.name, amount, why)
-
-
-_FOLLOWS_EXECUTE: Final = DueReason("follows", "follows from execute")
-_FOLLOWS_OBSERVE: Final = DueReason("follows", "follows from observe")
-
-
 @dataclass
-class Why:
-    """Due work of a stage and family with one reason.
+class HereEvaluator:
+    """Evaluate missing producers in this process; see `vastflow.tasks.engine.instantiation.Evaluator`.
 
     Attributes:
-        subjects: Configurations, or at `instantiate` producers, in order.
-        detail: Of the first of them.
-        alike: Whether it is that of all.
+        store: Opened to be read only: what is evaluated here stays in it.
+        environments: Folder for the files that producers make.
+        steps: Key of each evaluation to its step.
     """
 
-    stage: Stage
-    family: str
-    kind: ReasonKind
-    what: str
-    detail: str
-    alike: bool = True
-    amount: int = 0
-    subjects: dict[str, None] = field(default_factory=dict)
+    store: Store
+    reasons: Reasons
+    environments: Path
+    steps: dict[str, Step] = field(default_factory=dict)
 
-    def __str__(self) -> str:
-        if not self.detail:
-            return self.what
-        return f"{self.what}{':' if self.alike else f', such as {next(iter(self.subjects))}'} {self.detail}"
-
-
-def whys(steps: Sequence[Step]) -> list[Why]:
-    """Group due work by stage, family, and reason."""
-    found: dict[tuple[str, str, str, str], Why] = {}
-    for each in steps:
-        if (reason := each.reason) is None:
-            continue
-        key = each.stage, each.family, reason.kind, reason.what
-        why = found.setdefault(key, Why(each.stage, each.family, reason.kind, reason.what, reason.detail))
-        why.alike = why.alike and why.detail == reason.detail
-        why.amount += each.amount
-        why.subjects[each.subject] = None
-    return sorted(found.values(), key=lambda why: STAGES.index(why.stage))
+    def __call__(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
+        """Evaluate; key of each evaluation at which the producer raised to the error."""
+        errors = {}
+        for request in requests:
+            name = type(request.producer).__name__
+            for each in request.evaluations:
+                if self.store.find(each.key) is not None:  # made here before, perhaps
+                    self.steps.setdefault(each.key, Step("instantiate", request.family, name, 1, None))
+                    continue
+                reason = self.reasons.evaluation(request.family, request.producer, each.inputs)
+                self.steps[each.key] = Step("instantiate", request.family, name, 1, reason)
+                try:
+                    with environments_in(self.environments):
+                        found = evaluate(request.producer, each.inputs)
+                except Exception as error:  # noqa: BLE001 - a plug-in may raise anything: a fault of the run, too
+                    errors[each.key] = f"{type(error).__name__}: {' '.join(str(error).split())}"
+                    continue
+                self.store.put(each.key, {FRAGMENTS: write_evaluation(found)})
+        return errors
 
 
 if TYPE_CHECKING:

@@ -8,9 +8,10 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vastflow.flows.plan.plan import Plan, whys
+from vastflow.flows.plan.plan import Plan
 from vastflow.flows.plan.power import planned_power
 from vastflow.flows.results.provenance import STAGES, Stage
+from vastflow.flows.results.reasons import whys
 from vastflow.flows.terminal.display import terminal_table
 from vastflow.flows.terminal.progress import count_text, duration_text
 from vastflow.oracles.results.coverage import (

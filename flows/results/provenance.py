@@ -175,6 +175,7 @@ ReasonKind: TypeAlias = Literal[
     "numeric class changed",
     "lost",
     "broke",
+    "open",
     "follows",
 ]
 

@@ -21,7 +21,7 @@ class Work:
     Attributes:
         executed, reused: Runs that were simulated, and those whose recordings were in the store.
         simulated_s: Simulated time of the executed runs, so that `simulated_s / cpu_s` is a speed.
-        cpu_s: CPU time of all processes of the call.
+        cpu_s: CPU time of all processes of the call, Prefect's embedded server and workers included, and of units on a cluster's workers.
     """
 
     executed: int

@@ -1,6 +1,5 @@
 """The computation of a call: an engine with its workers, the progress, and a log."""
 
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -33,11 +32,11 @@ if TYPE_CHECKING:
 
 
 def stopwatch(tally: Tally) -> Callable[[], Work]:
-    """Start a clock, and return a function for the work since, of this process and its ended children."""
-    began_s, before_s = time.perf_counter(), sum(os.times()[:4])
+    """Start a clock, and return a function for the work since, of this process, all below it, and the workers of a cluster."""
+    began_s, before_s = time.perf_counter(), process.cpu_s()
 
     def work() -> Work:
-        done, cpu_s = tally.progress(), sum(os.times()[:4]) - before_s
+        done, cpu_s = tally.progress(), process.cpu_s() - before_s + tally.elsewhere_cpu_s
         return Work(done.executed, done.reused, done.simulated_s, cpu_s, time.perf_counter() - began_s)
 
     return work

@@ -55,7 +55,9 @@ def scanned(run: PreparedCampaign, computing: Computing, instantiated: Instantia
     families = {configuration.name: configuration.family for configuration in configurations}
     computing.tally.expect(wanted if run.search is None else run.search.expected(wanted), families)
     computing.tally.begin("scanning")
-    return Judged(instantiated, computing.engine.scan(configurations))
+    found = computing.engine.scan(configurations)
+    run.due.reuse(found.values())
+    return Judged(instantiated, found)
 
 
 def look(run: PreparedCampaign, computing: Computing) -> Judged | None:

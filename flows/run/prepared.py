@@ -11,9 +11,10 @@ from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys, re
 from vastflow.flows.request.run_request import SEQUENTIAL, Asked, RunRequest
 from vastflow.flows.results.address import Delivery, delivery_to
 from vastflow.flows.results.inputs import Inputs, inputs_of
-from vastflow.flows.results.provenance import ingredients_row
+from vastflow.flows.results.provenance import ingredients_row, origin_row
 from vastflow.flows.results.summary import Work
 from vastflow.flows.run.computing import Computing, computing, stopwatch, told
+from vastflow.flows.run.due import DueWork
 from vastflow.flows.search.progress import PointRuns, SearchProgress, search_progress
 from vastflow.producers.campaign import Campaign
 from vastflow.sim.model.faults import FileError
@@ -37,6 +38,7 @@ class PreparedCampaign:
         delivery: Where the campaign directory is made, and where it is to be.
         search: The search that proposes configurations; None where the file lists them.
         stopping: Says how many runs a configuration wants; None where that is fixed.
+        due: What the call computes, and why.
         work: What the call has done so far.
     """
 
@@ -50,6 +52,7 @@ class PreparedCampaign:
     keys: Keys = field(repr=False)
     search: SearchProgress | None = field(repr=False)
     stopping: "Stopping | PointRuns | None"
+    due: DueWork = field(repr=False)
     work: Callable[[], Work] = field(repr=False)
 
     @property
@@ -95,6 +98,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
             raise FileError(campaign.unexecutable)
         inputs = inputs_of(campaign, oracles)
         store = open_store(request.store, may_be_full=True)
+        opened = OpenCampaign(campaign, oracles, store)
         delivery = delivery_to(request.results, store)
         tree = installed_tree()
         keys = campaign_keys(tree, campaign.seed, oracles)
@@ -107,17 +111,19 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
         runs = campaign.runs_asked(request.runs, request.sample)
         asked = Asked(campaign.path.name, runs, request.only, inputs.places, request.sample, request.as_v1)
         search = search_progress(campaign, request, stopping, runs, store, inputs.campaign, tally)
+        record = {"asked": asked.as_json(), **rule, **ingredients_row(tree, campaign.families, oracles)}
         run = PreparedCampaign(
             request,
-            OpenCampaign(campaign, oracles, store),
+            opened,
             inputs,
             asked,
-            {"asked": asked.as_json(), **rule, **ingredients_row(tree, campaign.families, oracles)},
+            record,
             delivery,
             tree,
             keys,
             search,
             stopping if search is None else search.runs,
+            DueWork(opened.name, delivery.folder, {**origin_row(keys), **record}, campaign.families),
             work,
         )
         with computing(

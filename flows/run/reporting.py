@@ -14,6 +14,7 @@ from vastflow.flows.results.rows import KeptRows, StoredResult, copies_in
 from vastflow.flows.results.summary import Results, Summary
 from vastflow.flows.results.trust import remember_made
 from vastflow.flows.run.computing import Computing
+from vastflow.flows.run.due import WHY
 from vastflow.flows.run.event_log import EventLog, ended
 from vastflow.flows.run.judged import Judged
 from vastflow.flows.run.prepared import PreparedCampaign
@@ -154,7 +155,8 @@ def _complete(key: str) -> str:
 
 def _record(run: PreparedCampaign) -> dict[str, Any]:
     """Return what `metadata.json` holds for this run only."""
-    return dict(run.record) if run.search is None else {**run.record, SEARCH: search_record(run.search)}
+    searched = {} if run.search is None else {SEARCH: search_record(run.search)}
+    return {**run.record, WHY: run.due.rows(), **searched}
 
 
 def _key(run: PreparedCampaign, computing: Computing) -> str:

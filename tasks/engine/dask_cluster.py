@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 from urllib.request import urlopen
@@ -421,7 +421,10 @@ class DaskCluster:
                     self._send(self._suspects[0])
         if answer.unusable is not None:
             error = StoreError(answer.unusable)
-        end(job.outcome, error, answer.executed or answer.broken or answer.value)
+        executed = answer.executed
+        if executed is not None and self._server is not None:  # whose workers are processes below this one
+            executed = replace(executed, cpu_s=0.0)
+        end(job.outcome, error, executed or answer.broken or answer.value)
 
     def _lost(self, client: Any) -> None:
         """Reconnect to the scheduler or its successor at the same address, whose state is lost."""

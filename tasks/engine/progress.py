@@ -82,7 +82,11 @@ class Observer(Protocol):
 
 
 class Tally:
-    """Thread-safe counts of results; a run counts once."""
+    """Thread-safe counts of results; a run counts once.
+
+    Attributes:
+        elsewhere_cpu_s: CPU time on other machines.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -91,6 +95,7 @@ class Tally:
         self._families: dict[str, FamilyProgress] = {}
         self._executed = self._reused = self._judged = 0
         self._simulated_s = 0.0
+        self.elsewhere_cpu_s = 0.0
         self._configurations_done = 0
         self._notices: tuple[str, ...] = ()
         self._changes: list[Change] | None = None
@@ -170,9 +175,10 @@ class Tally:
                 of.reused |= new
                 self._reused += new.bit_count()
 
-    def execute(self, configuration: str, simulated_s: Mapping[int, float]) -> None:
-        """Count runs that were simulated."""
+    def execute(self, configuration: str, simulated_s: Mapping[int, float], elsewhere_cpu_s: float = 0.0) -> None:
+        """Count runs that were simulated, and the CPU time that they took on other machines."""
         with self._lock:
+            self.elsewhere_cpu_s += elsewhere_cpu_s
             if (of := self._configurations.get(configuration)) is None:
                 return
             bits = of.bits(simulated_s)

@@ -6,9 +6,13 @@ from typing import Final
 from vastflow.tasks.engine.evaluation import PackedProducer
 from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.engine.instantiation import Evaluation
+from vastflow.tasks.keys.keys import Keys
 
 MOST_TASK_RUNS: Final = 100
 """Maximum number of task runs of a stage: Prefect's recorder loses rows silently in the thousands."""
+
+MOST_NAMED: Final = 5
+"""Configurations or keys that a task run names."""
 
 
 class Shard:
@@ -32,6 +36,13 @@ class Shard:
         places = f"{first.place}" if first is last else f"{first.place}–{last.place}"
         return f"{places} of {first.family}"
 
+    def about(self, keys: Keys) -> str:
+        """Return names of configurations, number of runs, and keys of recordings; of many the first few."""
+        names = [each.name for each in self.configurations]
+        return _few(names, sum(each.runs for each in self.configurations), "run") + "".join(
+            f"; {keys.recordings(each.checked)}" for each in self.configurations[:MOST_NAMED]
+        )
+
 
 class ProducerShard:
     """A producer on some of its distinct restricted inputs."""
@@ -46,6 +57,16 @@ class ProducerShard:
 
     def __str__(self) -> str:
         return self.name
+
+    def about(self, keys: Keys) -> str:
+        """Return the producer, number of evaluations, and their keys; of many the first few."""
+        shown = "".join(f"; {each.key}" for each in self.evaluations[:MOST_NAMED])
+        return _few([self.name], len(self.evaluations), "evaluation") + shown
+
+
+def _few(names: Sequence[str], count: int, unit: str) -> str:
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return f"{', '.join(names[:MOST_NAMED])}{more}, {count} {unit}{'s'[: count != 1]}"
 
 
 def shard_ranges(count: int) -> list[range]:

@@ -69,6 +69,7 @@ class Executed:
         took_s: Wall time.
         artifacts: Recordings, traces, and verdicts that are stored now; empty if it was only executed.
         later: Stage, start and stop, and cause where recorded runs have no verdict.
+        cpu_s: CPU time of a unit on a worker that is no process below the campaign's.
     """
 
     simulated_s: Mapping[int, float]
@@ -76,6 +77,7 @@ class Executed:
     took_s: float = field(default=0.0, compare=False)
     artifacts: tuple[Artifact, ...] = ()
     later: tuple[tuple[WorkStage, tuple[int, int], Broken], ...] = ()
+    cpu_s: float = field(default=0.0, compare=False)
 
 
 def broken(error: BaseException) -> Broken:
@@ -181,7 +183,7 @@ def compute(
     Args:
         checked: See `vastflow.sim.reading.checked.checked_digest`.
     """
-    began_s = time.monotonic()
+    began_s, before_s = time.monotonic(), sum(os.times()[:4])
     home = keys.recordings(checked)
     executed = execute(store, home, scenario, start, stop, keys.seed)
     artifacts: list[Artifact] = []
@@ -206,7 +208,8 @@ def compute(
             artifacts += [verdicts] if verdicts else []
         if isinstance(error, Broken):
             later.append((stage, block, error))
-    return Executed(executed.simulated_s, executed.broken, time.monotonic() - began_s, tuple(artifacts), tuple(later))
+    took_s, cpu_s = time.monotonic() - began_s, sum(os.times()[:4]) - before_s
+    return Executed(executed.simulated_s, executed.broken, took_s, tuple(artifacts), tuple(later), cpu_s)
 
 
 def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> None:

@@ -23,34 +23,37 @@ CACHED: Final = "Cached"
 @task(name="instantiate", task_run_name="instantiate {shard}", cache_policy=NO_CACHE, persist_result=False)
 def evaluate(shard: ProducerShard, engine: Engine) -> State[Any]:
     """Evaluate a producer, and return the errors by key."""
-    return _ended(lambda: engine.evaluate(shard.packed, shard.evaluations))
+    return _ended(shard, engine, lambda: engine.evaluate(shard.packed, shard.evaluations))
 
 
 @task(name="execute", task_run_name="execute {shard}", cache_policy=NO_CACHE, persist_result=False)
 def execute(shard: Shard, engine: Engine) -> State[Any]:
     """Execute a shard's missing runs, and return the recorded `Rows`."""
-    return _ended(lambda: engine.execute(shard.configurations))
+    return _ended(shard, engine, lambda: engine.execute(shard.configurations))
 
 
 @task(name="observe", task_run_name="observe {shard}", cache_policy=NO_CACHE, persist_result=False)
 def observe(shard: Shard, recorded: Sequence[Rows], engine: Engine) -> State[Any]:
     """Observe a shard's recordings, and return the observed `Rows`."""
-    return _ended(lambda: engine.observe(shard.configurations, *recorded))
+    return _ended(shard, engine, lambda: engine.observe(shard.configurations, *recorded))
 
 
 @task(name="judge", task_run_name="judge {shard}", cache_policy=NO_CACHE, persist_result=False)
 def judge(shard: Shard, observed: Sequence[Rows], engine: Engine) -> State[Any]:
     """Judge a shard's traces, and return the judged `Rows`."""
-    return _ended(lambda: engine.judge(shard.configurations, *observed))
+    return _ended(shard, engine, lambda: engine.judge(shard.configurations, *observed))
 
 
-def _ended(stage: Callable[[], StageOutcome[Any]]) -> State[Any]:
-    """Run a stage and return the state in which its task run ends."""
+def _ended(shard: Shard | ProducerShard, engine: Engine, stage: Callable[[], StageOutcome[Any]]) -> State[Any]:
+    """Run a stage and return the state in which its task run ends.
+
+    Its message says what the task run was about: Prefect keeps no parameters of task runs, and asks its API about each tag.
+    """
     try:
         outcome = stage()
     except PoolClosed as error:
         return Cancelled(message=str(error))
-    there = f"{outcome.there} of {outcome.wanted} in the store"
+    there = f"{outcome.there} of {outcome.wanted} in the store before; {shard.about(engine.index.keys)}"
     if outcome.there == outcome.wanted > 0:
         return Completed(name=CACHED, message=there, data=outcome.made)
-    return Completed(message=f"{there} before", data=outcome.made)
+    return Completed(message=there, data=outcome.made)

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 import shutil
 import sqlite3
 from types import SimpleNamespace
@@ -100,6 +101,45 @@ def test_task_runs_have_readable_names_and_follow_producers(place, first):
         if (before := json.loads(inputs).get("wait_for"))
     }
     assert follows == {last: {"instantiate room by Ahead"}, **{f"execute {k} of room": {last} for k in range(1, 5)}}
+
+
+def messages(place, flow_run):
+    """Name of each task run to the message of its last state."""
+    of = f"from task_run t join task_run_state s on t.state_id = s.id where t.flow_run_id = {flow_run}"
+    return dict(rows(place, f"select t.name, s.message {of}"))
+
+
+def test_task_runs_say_configurations_counts_and_keys(place, first, artifacts):
+    found = messages(place, "(select id from flow_run order by start_time limit 1)")
+    keys = {"/".join(folder.parts[-4:-1]) for folder in artifacts["execute"]}
+    for stage in ("execute", "observe", "judge"):
+        assert re.match(r"0 of [12] in the store before; room-1-1, 2 runs; execute/", found[f"{stage} 1 of room"])
+        assert {found[f"{stage} {k} of room"].rpartition("; ")[2] for k in range(1, 5)} == keys
+    said = found["instantiate room by ParameterVariationList"]
+    assert said.startswith("0 of 1 in the store before; room by ParameterVariationList, 1 evaluation; evaluate/")
+
+
+def why_of(result):
+    rows = json.loads((result.directory / "metadata.json").read_text())["why"]
+    return {row["stage"]: (row["reused"], row["computed"], row["why"]) for row in rows}
+
+
+def test_directory_and_report_keep_why_something_was_computed(first, again):
+    told = "never computed before, as far as is known"
+    follows = "follows from execute"
+    assert why_of(first) == {
+        "instantiate": (0, 2, told),
+        "execute": (0, 8, told),
+        "observe": (0, 8, follows),
+        "judge": (0, 8, follows),
+    }
+    before = again()
+    assert why_of(before) == {stage: (8, 0, "") for stage in ("execute", "observe", "judge")}
+    stricter = again(("tiny.vast", "least_m: 0.1", "least_m: 0.15"))
+    reason = "parameters of oracle driven.py:Driven changed: least_m from 0.1 to 0.15"
+    assert why_of(stricter)["judge"] == (0, 8, reason)
+    assert why_of(stricter)["execute"] == (8, 0, "")
+    assert f"<td>{reason}</td>" in (stricter.directory / "report.html").read_text()
 
 
 def test_second_run_executes_nothing_starts_no_prefect_and_writes_the_same_bytes(first, again, counted, no_prefect):

@@ -2,7 +2,6 @@
 
 import json
 import logging
-from pathlib import Path
 from types import SimpleNamespace
 from uuid import uuid4
 
@@ -167,23 +166,27 @@ def test_page_shows_pace_and_workers_of_cluster(client, clock):
     assert tables == [("create", "two-rooms-workers", json.dumps(rows), "Workers of the cluster: 2 running, 1 paused")]
 
 
-def test_publish_shows_results_and_report_and_tolerates_refusing_api(client, monkeypatch, caplog):
+def test_publish_shows_results_and_report_and_tolerates_refusing_api(client, monkeypatch, caplog, tmp_path):
     monkeypatch.setattr(pages, "flow_run", SimpleNamespace(id=FLOW_RUN))
     monkeypatch.setattr(pages, "get_run_logger", lambda: pages.LOGGER)
     monkeypatch.setattr(pages, "result_rows", lambda found: [{"family": "room", "runs": 4}])
     summary = Summary(2, 0, 0, 4, 4, 0, 3, 1, 0, 10.0, 1.0, 1.0, "results/x-1", {})
-    finished = Results(Path("results/x-1"), summary, (), ())
+    finished = Results(tmp_path / "x-1", summary, (), ())
+    why = [{"family": "room", "stage": "execute", "reused": 0, "computed": 4, "why": "family room is new"}]
+    finished.directory.mkdir()
+    (finished.directory / "metadata.json").write_text(json.dumps({"why": why}))
     publish(finished, "Two rooms")
     outcome = outcome_text(finished)
     assert outcome == ("2 configurations × 2 runs: 3 passed, 1 failed, 0 not judged; 4 runs executed, 0 from the store")
-    (_, table, rows, about), (_, link, text, _) = client.sent
+    (_, table, rows, about), (_, reasons, kept, _), (_, link, text, _) = client.sent
+    assert (reasons, json.loads(kept)) == ("two-rooms-why", why)
     assert (table, json.loads(rows)) == ("two-rooms-results", [{"family": "room", "runs": 4}])
     assert about == f"**Two rooms**, {outcome}"
-    assert (link, text) == ("two-rooms-report", f"[report.html]({Path('results/x-1/report.html').resolve().as_uri()})")
+    assert (link, text) == ("two-rooms-report", f"[report.html]({(tmp_path / 'x-1/report.html').as_uri()})")
     assert {str(flow_run_id) for flow_run_id in client.flow_runs} == {FLOW_RUN}
     client.sent.clear()
     publish(finished, "x", "https://lab.example/results/")
-    assert client.sent[1][2] == "[report.html](https://lab.example/results/x-1/report.html)"
+    assert client.sent[2][2] == "[report.html](https://lab.example/results/x-1/report.html)"
     client.error = RuntimeError("gone")
     publish(finished, "x")
     assert "does not show the campaign's progress or results: gone" in caplog.text

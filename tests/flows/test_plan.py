@@ -13,9 +13,9 @@ from room import edited, laid_out
 
 from vastflow.flows import run_campaign
 from vastflow.flows.plan import plan as plans
-from vastflow.flows.plan.plan import whys
 from vastflow.flows.results.past import newest_past
 from vastflow.flows.results.provenance import STAGES
+from vastflow.flows.results.reasons import whys
 from vastflow.flows.run import prepared
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.blocks import read_rows

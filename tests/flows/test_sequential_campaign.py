@@ -10,7 +10,7 @@ from planned import planned
 
 from vastflow.flows import run_campaign
 from vastflow.flows.flow_runs import flow_call
-from vastflow.flows.plan.text import plan_json, plan_text
+from vastflow.flows.plan.text import plan_json, plan_text, why_json
 from vastflow.flows.results.past import past_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -170,6 +170,23 @@ def test_plan_of_sequential_campaign_is_an_upper_bound(place, run, first):
     assert plan_json(decided, str(file))["at_most"] is True
     fixed = planned(file, runs=2, store=str(place / "store"), **options)
     assert (fixed.found("judge"), fixed.least) == (8, None)
+
+
+def test_runs_that_a_rule_may_ask_for_are_open_and_have_no_cause(place, first):
+    options = {"results": place / "results", "store": str(place / "store")}
+    file = file_of(place, SEQUENTIAL)
+    fresh = why_json(planned(file, results=place / "no results", store=str(place / "nothing")))
+    said = {each["kind"]: (each["computed"], each["reason"]) for each in fresh if each["stage"] == "execute"}
+    assert said["never computed"][0] + said["open"][0] == 80
+    assert said["open"][1] == f"open until judged, at most {said['open'][0]}"
+    own = place / "campaign" / "own.py"
+    try:
+        own.write_text(ORACLE.replace("so it is", "so it was"))
+        (execute, *_, judge) = (each for each in why_json(planned(file, **options)) if each["kind"] != "follows")
+    finally:
+        own.write_text(ORACLE)
+    assert (execute["kind"], execute["reason"]) == ("open", "open until judged again, at most 22")
+    assert (judge["stage"], judge["kind"], judge["computed"]) == ("judge", "source changed", 58)
 
 
 def test_run_of_directory_uses_the_same_rule(place, first, no_prefect, capsys):

@@ -186,13 +186,14 @@ def test_whole_unit_leaves_nothing_to_the_other_stages(engine, pool):
             {"runs": [[0, "pass"], [1, "fail"]], "causes": []},
         )
         made.append(store.put(key, {"verdicts.json": b"[]"}, info))
-        return Executed({run: 10.0 for run in range(start, stop)}, {}, 1.0, tuple(made))
+        return Executed({run: 10.0 for run in range(start, stop)}, {}, 1.0, tuple(made), cpu_s=2.5)
 
     pool.whole_units = True
     pool.answers["compute", "a"] = compute
     outcomes = through(engine, [configuration("a")])
     assert pool.done == [("compute", "a")]
     assert there(outcomes) == [(0, 1), (0, 1), (0, 1)], "it was made now"
+    assert engine.tally.elsewhere_cpu_s == 2.5
     assert (engine.tally.progress().passed, engine.tally.progress().failed) == (1, 1)
 
 

@@ -12,7 +12,7 @@ import time
 
 import pytest
 
-from vastflow.tasks.engine.process import few_collections, owns_process, terminable
+from vastflow.tasks.engine.process import cpu_s, few_collections, owns_process, terminable
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -22,6 +22,18 @@ def test_sigterm_interrupts_as_ctrl_c_does():
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(5)
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_cpu_time_of_children_counts_once_while_they_live_and_when_they_have_ended():
+    burn = "import time\nwhile time.process_time() < 0.5: pass\nprint(flush=True); input()"
+    before_s = cpu_s()
+    with subprocess.Popen([sys.executable, "-c", burn], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        child.stdout.readline()
+        alive_s = cpu_s() - before_s
+        child.communicate(b"\n")
+    ended_s = cpu_s() - before_s
+    assert alive_s >= 0.45
+    assert alive_s <= ended_s < alive_s + 0.4
 
 
 def test_program_keeps_its_own_handler_of_sigterm():

@@ -2,16 +2,17 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Final, Literal
 
 from vastflow.flows.request.run_request import asked_of
 from vastflow.flows.results.past import PARTS, Past, values_of, writers, written_scenario
 from vastflow.flows.results.provenance import (
+    STAGES,
     DueReason,
+    ReasonKind,
     Stage,
     change_text,
     changes,
@@ -23,15 +24,12 @@ from vastflow.flows.results.provenance import (
 )
 from vastflow.flows.results.tables import configuration_row
 from vastflow.oracles.results.schema import Row, json_text
-from vastflow.producers.floorplan.environment import environments_in
 from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.model.producer import Producer, evaluate
+from vastflow.producers.model.producer import Producer
 from vastflow.sim.model.digest import Value
-from vastflow.tasks.engine.evaluation import FRAGMENTS, write_evaluation
-from vastflow.tasks.engine.index import ConfigurationRuns
-from vastflow.tasks.engine.instantiation import EvaluationRequest
-from vastflow.tasks.store.store import Store
+from vastflow.tasks.engine.index import ConfigurationRuns, missing
+from vastflow.tasks.store.artifact import Stored
 
 NEVER: Final = DueReason("never computed", "never computed before, as far as is known")
 _DIMENSION_AND_KEY: Final = re.compile(rf"(?:{'|'.join(PARTS)})\.[^.\[]+")
@@ -98,7 +96,7 @@ class Reasons:
 
     def execute(self, configuration: ConfigurationRuns, absent: Sequence[int]) -> list[tuple[DueReason, int]]:
         """Reasons for these runs, each with its number of runs."""
-        if self._past is None:
+        if self._past is None or not absent:
             return [(NEVER, len(absent))]
         row = self._past.by_key.get(configuration.checked)
         if row is None:
@@ -194,37 +192,90 @@ def all_of(reasons: Sequence[DueReason]) -> DueReason | None:
     return DueReason(reasons[0].kind, "; ".join(map(str, reasons)))
 
 
+def reused_steps(configuration: ConfigurationRuns, stored: Sequence[Stored]) -> Iterator[Step]:
+    """Yield what the store has of a configuration."""
+    recorded, observed, judged = _spans(configuration, stored)
+    amounts: list[tuple[Stage, int]] = [("execute", len(recorded)), ("observe", len(observed)), ("judge", len(judged))]
+    for stage, amount in amounts:
+        if amount:
+            yield Step(stage, configuration.family, configuration.name, amount, None)
+
+
+def due_steps(
+    configuration: ConfigurationRuns, certain: int, stored: Sequence[Stored], reasons: Reasons
+) -> Iterator[Step]:
+    """Yield what the store lacks of a configuration; runs from `certain` on are executed only if it is undecided by then."""
+    absent = missing([each.block for each in stored], configuration.runs)
+    due = [run for run in absent if run < certain]
+    recorded, observed, judged = _spans(configuration, stored)
+    amounts: list[tuple[Stage, int, DueReason]] = []
+    if absent:
+        amounts += [("execute", amount, reason) for reason, amount in reasons.execute(configuration, due)]
+        open_ = DueReason("open", f"open until judged{' again' * bool(recorded)}")
+        amounts.append(("execute", len(absent) - len(due), open_))
+        amounts.append(("observe", len(absent), _FOLLOWS_EXECUTE))
+    if unobserved := len(recorded - observed):
+        amounts.append(("observe", unobserved, reasons.later("observe", configuration)))
+    follows = _FOLLOWS_EXECUTE if absent else _FOLLOWS_OBSERVE
+    amounts.append(("judge", configuration.runs - len(observed), follows))
+    if unjudged := len(observed - judged):
+        amounts.append(("judge", unjudged, reasons.later("judge", configuration)))
+    for stage, amount, why in amounts:
+        if amount:
+            yield Step(stage, configuration.family, configuration.name, amount, why)
+
+
+def _spans(configuration: ConfigurationRuns, stored: Sequence[Stored]) -> tuple[set[int], set[int], set[int]]:
+    """Return the wanted runs that are recorded, observed, and judged."""
+    recorded, observed, judged = set[int](), set[int](), set[int]()
+    for each in stored:
+        span = range(each.block.start, min(each.block.stop, configuration.runs))
+        recorded.update(span)
+        observed.update(span if each.trace else ())
+        judged.update(span if each.verdicts else ())
+    return recorded, observed, judged
+
+
+_FOLLOWS_EXECUTE: Final = DueReason("follows", "follows from execute")
+_FOLLOWS_OBSERVE: Final = DueReason("follows", "follows from observe")
+
+
 @dataclass
-class HereEvaluator:
-    """Evaluate missing producers in this process; see `vastflow.tasks.engine.instantiation.Evaluator`.
+class Why:
+    """Due work of a stage and family with one reason.
 
     Attributes:
-        store: Opened to be read only: what is evaluated here stays in it.
-        environments: Folder for the files that producers make.
-        steps: Key of each evaluation to its step.
+        subjects: Configurations, or at `instantiate` producers, in order.
+        detail: Of the first of them.
+        alike: Whether it is that of all.
     """
 
-    store: Store
-    reasons: Reasons
-    environments: Path
-    steps: dict[str, Step] = field(default_factory=dict)
+    stage: Stage
+    family: str
+    kind: ReasonKind
+    what: str
+    detail: str
+    alike: bool = True
+    amount: int = 0
+    subjects: dict[str, None] = field(default_factory=dict)
 
-    def __call__(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
-        """Evaluate; key of each evaluation at which the producer raised to the error."""
-        errors = {}
-        for request in requests:
-            name = type(request.producer).__name__
-            for each in request.evaluations:
-                if self.store.find(each.key) is not None:  # made here before, perhaps
-                    self.steps.setdefault(each.key, Step("instantiate", request.family, name, 1, None))
-                    continue
-                reason = self.reasons.evaluation(request.family, request.producer, each.inputs)
-                self.steps[each.key] = Step("instantiate", request.family, name, 1, reason)
-                try:
-                    with environments_in(self.environments):
-                        found = evaluate(request.producer, each.inputs)
-                except Exception as error:  # noqa: BLE001 - a plug-in may raise anything: a fault of the run, too
-                    errors[each.key] = f"{type(error).__name__}: {' '.join(str(error).split())}"
-                    continue
-                self.store.put(each.key, {FRAGMENTS: write_evaluation(found)})
-        return errors
+    def __str__(self) -> str:
+        if self.kind == "open":
+            return f"{self.what}, at most {self.amount}"
+        if not self.detail:
+            return self.what
+        return f"{self.what}{':' if self.alike else f', such as {next(iter(self.subjects))}'} {self.detail}"
+
+
+def whys(steps: Sequence[Step]) -> list[Why]:
+    """Group due work by stage, family, and reason."""
+    found: dict[tuple[str, str, str, str], Why] = {}
+    for each in steps:
+        if (reason := each.reason) is None:
+            continue
+        key = each.stage, each.family, reason.kind, reason.what
+        why = found.setdefault(key, Why(each.stage, each.family, reason.kind, reason.what, reason.detail))
+        why.alike = why.alike and why.detail == reason.detail
+        why.amount += each.amount
+        why.subjects[each.subject] = None
+    return sorted(found.values(), key=lambda why: STAGES.index(why.stage))

@@ -1,0 +1,78 @@
+"""The work of a call, and the reasons for it, by comparison with the campaign before."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+from vastflow.flows.results.past import Past, newest_past
+from vastflow.flows.results.provenance import STAGES
+from vastflow.flows.results.reasons import Reasons, Step, due_steps, reused_steps, whys
+from vastflow.producers.instantiation.instantiate import Family
+from vastflow.producers.model.configuration import Configuration
+from vastflow.tasks.engine.index import FoundRuns
+from vastflow.tasks.engine.instantiation import EvaluationRequest
+from vastflow.tasks.store.store import Store
+
+WHY: Final = "why"
+"""Key of `metadata.json` with the rows of `DueWork`; absent where a directory is of before 0.2."""
+
+
+@dataclass
+class DueWork:
+    """What a call takes from the store, and what it computes and why.
+
+    Attributes:
+        folder: Has the directory of the campaign before, if there is one; it is read when something is due.
+        today: What `metadata.json` says of the ingredients now.
+    """
+
+    name: str
+    folder: Path
+    today: Mapping[str, Any] = field(repr=False)
+    families: Sequence[Family] = field(repr=False)
+    _reused: dict[str, list[Step]] = field(default_factory=dict, repr=False)
+    _due: list[Step] = field(default_factory=list, repr=False)
+
+    @cached_property
+    def _past(self) -> Past | None:
+        return newest_past(self.folder, self.name)
+
+    def reuse(self, found: Iterable[FoundRuns]) -> None:
+        """Count what the store has of configurations, which may have been counted before."""
+        self._reused |= {each.configuration.name: [*reused_steps(each.configuration, each.stored)] for each in found}
+
+    def evaluate(self, store: Store, requests: Iterable[EvaluationRequest]) -> None:
+        """Count evaluations of producers."""
+        reasons = Reasons(self._past, self.today, self.families)
+        for request in requests:
+            for each in request.evaluations:
+                reason = None
+                if store.find(each.key) is None:
+                    reason = reasons.evaluation(request.family, request.producer, each.inputs)
+                self._due.append(Step("instantiate", request.family, type(request.producer).__name__, 1, reason))
+
+    def compute(self, found: Iterable[FoundRuns], configurations: Iterable[Configuration]) -> None:
+        """Count what the store lacks, just before it is computed; `configurations` are all of today."""
+        reasons = Reasons(self._past, self.today, self.families)
+        reasons.configurations = {each.name: each for each in configurations}
+        for each in found:
+            self._due += due_steps(each.configuration, each.configuration.runs, each.stored, reasons)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return family, stage, reused and computed amounts, and why.
+
+        Amounts are evaluations and runs. What is computed anew is observed and judged, at most: a run that comes out as before
+        keeps both.
+        """
+        steps = [*(step for each in self._reused.values() for step in each), *self._due]
+        found: dict[tuple[str, str], dict[str, Any]] = {}
+        for step in sorted(steps, key=lambda step: STAGES.index(step.stage)):
+            new = {"family": step.family, "stage": step.stage, "reused": 0, "computed": 0, "why": ""}
+            row = found.setdefault((step.family, step.stage), new)
+            row["reused" if step.reason is None else "computed"] += step.amount
+        for why in whys(steps):
+            row = found[why.family, why.stage]
+            row["why"] = "; ".join(filter(None, [row["why"], str(why)]))
+        return sorted(found.values(), key=lambda row: str(row["family"]))
