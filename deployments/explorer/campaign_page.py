@@ -1,5 +1,7 @@
 """The page of a campaign: facets, map, table, scatter, and parallel coordinates of a selection of its runs."""
 
+import os
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +14,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import RedirectResponse, Response, StreamingResponse
+from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer import configuration_page, facets, trajectories
@@ -30,7 +32,8 @@ from vastflow.deployments.explorer.selection import (
     python_of,
 )
 from vastflow.oracles.evidence.headline import robot_text
-from vastflow.oracles.results.unusable import reading
+from vastflow.oracles.results.unusable import DAMAGE, reading
+from vastflow.sim.model.files import is_file, is_inside, read_bytes, read_text
 from vastflow.sim.model.parquet import open_table
 
 MOST_POINTS: Final = 5000
@@ -47,6 +50,15 @@ _WAIT_S: Final = 0.05
 """Time that a request waits for paths; what is read meanwhile comes with the next."""
 _FORMATS: Final = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
 
+REPORT: Final = "report.html"
+CLASSES: Final = ("reliable", "systematic", "flaky", "undecided")
+_STILL: Final = (
+    "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; media-src data:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""A report may be a stranger's: nothing of it is executed, and it asks for nothing."""
+_MOST_FILE_BYTES: Final = 2**18
+
 View = Callable[[Request, Campaign, Filter, Bools], Response | Mapping[str, Any]]
 """Makes a reply, or the values of the template that has the view's name."""
 
@@ -59,8 +71,25 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         directory = opened.find(name_of(request, "c"))
         if directory.state == "running":
             return RedirectResponse(address("/live", c=directory.id), 303)
-        opened.of(directory.id)  # or an error says why it has no page
-        return pages.page(request, "campaign.html.j2", campaign=directory, robot=robot_text(directory.metadata))
+        found = opened.of(directory.id)  # or an error says why it has no page
+        classes = Counter(found.classes.values())
+        return pages.page(
+            request,
+            "campaign.html.j2",
+            campaign=directory,
+            robot=robot_text(directory.metadata),
+            findings=found.findings,
+            classes=[(name, classes[name]) for name in CLASSES if classes[name]],
+            has_report=_own_file(directory.path, REPORT) is not None,
+            file=_campaign_file(directory.path),
+        )
+
+    def report(request: Request) -> Response:
+        file = _own_file(directories.find(name_of(request, "c")).path, REPORT)
+        if file is None:
+            raise HTTPException(404, "This campaign has no report.")
+        with reading(file.parent):
+            return HTMLResponse(read_bytes(file), headers={"Content-Security-Policy": _STILL})
 
     def view(name: str, made: View) -> Callable[[Request], Response]:
         def answer(request: Request) -> Response:
@@ -82,6 +111,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     }
     return [
         Route("/campaign", page),
+        Route("/report", report),
         *(Route(f"/api/{name}", view(name, made)) for name, made in views.items()),
         *configuration_page.routes(opened, pages),
     ]
@@ -97,10 +127,34 @@ def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -
         "conditions": [asdict(each) for each in chosen.values()],
         "summary": found,
         "reasons": facets.reasons_json(campaign.table, mask),
+        "kinds": _kinds(campaign, mask),
         "columns": facets.column_list(campaign.facets),
         "maps": campaign.maps,
         "python": python_of(campaign.table, chosen, campaign.directory.path),
     }
+
+
+def _kinds(campaign: Campaign, mask: Bools) -> list[Mapping[str, Any]]:
+    """Return the kinds of reasons for which oracles failed the selected runs, as the report groups them."""
+    from vastflow.oracles.page.failures import failure_kinds  # with matplotlib, which takes a second
+
+    try:
+        row = campaign.failures.row.to_numpy()
+    except DAMAGE:  # the rest of the page does without
+        return []
+    return failure_kinds(campaign.failures[(row >= 0) & mask[row]])[: facets.MOST_REASONS]
+
+
+def _own_file(directory: Path, name: str) -> Path | None:
+    file = directory / name
+    return file if is_file(file) and is_inside(file, os.path.realpath(directory)) else None
+
+
+def _campaign_file(directory: Path) -> str:
+    try:
+        return read_text(file, most_bytes=_MOST_FILE_BYTES) if (file := _own_file(directory, "campaign.vast")) else ""
+    except DAMAGE as error:
+        return str(error)
 
 
 def facet_counts(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Mapping[str, Any]:
@@ -113,7 +167,10 @@ def rows(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> M
     start, count = number_of(request, "start", 0), min(number_of(request, "count", _ROWS), MOST_ROWS)
     sort, descending = request.query_params.get("sort", "rate"), request.query_params.get("order") == "descending"
     shown = request.query_params.getlist("column") or campaign.facets.varying("factor")[:_SHOWN_FACTORS]
-    return facets.rows_json(campaign.table, mask, shown, sort, descending=descending, start=start, count=count)
+    by_result = is_by_result(campaign.table, chosen)
+    return facets.rows_json(
+        campaign.table, mask, shown, sort, descending=descending, start=start, count=count, by_result=by_result
+    )
 
 
 def points(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -> Response:

@@ -15,6 +15,7 @@ from vastflow.deployments.explorer.directories import CampaignDirectory, Directo
 from vastflow.deployments.explorer.file_change import FileChange, file_change
 from vastflow.deployments.explorer.pages import Pages, address
 from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
+from vastflow.oracles.evidence.headline import robot_text
 from vastflow.oracles.statistics.intervals import Counts, Interval
 from vastflow.oracles.statistics.looks import Mean
 
@@ -80,15 +81,18 @@ def rows_of(found: Sequence[CampaignDirectory], change_of: Changes) -> Iterator[
 
 
 def trends_of(rows: Sequence[CampaignRow]) -> Iterator[Mapping[str, Any]]:
-    """Yield the newest rates of each name that several campaigns with judged runs have, the newest name first.
+    """Yield the newest rates of each file and robot that several campaigns with judged runs have, the newest first.
 
     A trend has the rows of its campaigns, oldest first, the ends of the scale, and the number of older ones that are left out.
     """
-    series: dict[str, list[CampaignRow]] = {}
+    series: dict[tuple[str, str, str], list[CampaignRow]] = {}
     for row in rows:
         if row.mean is not None:
-            series.setdefault(row.campaign.name, []).insert(0, row)
-    for name, campaigns in series.items():
+            said = row.campaign.metadata
+            asked = said.get("asked")
+            file = str(asked.get("file")) if isinstance(asked, dict) else ""
+            series.setdefault((row.campaign.name, file, robot_text(said)), []).insert(0, row)
+    for (name, file, robot), campaigns in series.items():
         if len(campaigns) > 1:
             drawn = campaigns[-MOST_POINTS:]
             ends = [row.mean[1] for row in drawn if row.mean is not None]
@@ -97,12 +101,18 @@ def trends_of(rows: Sequence[CampaignRow]) -> Iterator[Mapping[str, Any]]:
                 "low": math.floor(round(low / _STEP, 6)) * _STEP,
                 "high": math.ceil(round(high / _STEP, 6)) * _STEP,
             }
-            yield {"name": name, "campaigns": drawn, **scale, "left_out": len(campaigns) - len(drawn)}
+            yield {
+                "name": name,
+                "of": ", ".join(filter(None, (file, robot))),
+                "campaigns": drawn,
+                **scale,
+                "left_out": len(campaigns) - len(drawn),
+            }
 
 
 def version_of(found: Sequence[CampaignDirectory]) -> str:
     """Return text that is another when a campaign comes, ends, or goes."""
-    told = repr([(each.id, each.state, each.problem, each.created) for each in found])
+    told = repr([(each.id, each.state, each.problem, each.created, each.progress) for each in found])
     return hashlib.sha256(told.encode(errors="surrogatepass")).hexdigest()[:16]
 
 

@@ -22,6 +22,7 @@ DEEPEST: Final = 5
 
 _NAMED: Final = re.compile(r"(.+)-(\d{4}-\d\d-\d\d)-(\d\d)(\d\d)(\d\d)(-\d+)?")
 """Name of a campaign directory: that of the campaign, and when it was begun."""
+_PROGRESS: Final = ("runs_done", "runs_total", "passed", "failed", "not_judged")
 _END_BYTES: Final = 8192
 """Part of the events that is read for the first and for the last."""
 _KEPT: Final = 2000
@@ -45,6 +46,7 @@ class CampaignDirectory:
         created: Local time in ISO 8601; empty where nothing tells it.
         metadata: Content of `metadata.json`; empty while there is none.
         problem: What is wrong with a damaged directory, or why a campaign stopped; may be empty.
+        progress: Numbers of an unfinished campaign's last event of progress; empty without one.
     """
 
     id: str
@@ -54,6 +56,7 @@ class CampaignDirectory:
     state: State
     metadata: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
     problem: str = ""
+    progress: Mapping[str, int] = field(default_factory=dict, compare=False)
 
     @property
     def faults(self) -> list[Mapping[str, Any]]:
@@ -135,26 +138,30 @@ def _unfinished(path: Path) -> CampaignDirectory:
     named = _NAMED.fullmatch(final.name)
     assert named is not None  # or it would not be unfinished
     name, created = named[1], f"{named[2]}T{named[3]}:{named[4]}:{named[5]}"
-    first, last = _ends(path / EVENTS) if is_inside(path / EVENTS, path) else (None, None)
+    first, last, progress = _ends(path / EVENTS) if is_inside(path / EVENTS, path) else (None, None, None)
     if first is not None and isinstance(first.values.get("name"), str):
         name = first.values["name"]  # the folder's name lacks characters
     if is_running(path):
-        return CampaignDirectory(_id(final), path, name, created, "running")
+        told = progress.values if progress else {}
+        numbers = {key: told[key] for key in _PROGRESS if isinstance(told.get(key), int)}
+        numbers = numbers if len(numbers) == len(_PROGRESS) else {}
+        return CampaignDirectory(_id(final), path, name, created, "running", progress=numbers)
     told = last.values.get("reason") if last is not None and last.event in LAST else None
     return CampaignDirectory(_id(final), path, name, created, "stopped", problem=str(told or "its process is gone"))
 
 
-def _ends(file: Path) -> tuple[Event | None, Event | None]:
-    """Return the first and the last event of a file; None for what is not there."""
+def _ends(file: Path) -> tuple[Event | None, Event | None, Event | None]:
+    """Return the first and the last event of a file, and the last on progress near its end; None for what is not there."""
     try:
         with open_file(file) as events:
             head = events.read(_END_BYTES).split(b"\n")[0]
             size = events.seek(0, os.SEEK_END)
             events.seek(max(0, size - _END_BYTES))
-            *_, tail = [b"", *events.read(_END_BYTES).split(b"\n")[:-1]]
+            lines = [b"", *events.read(_END_BYTES).split(b"\n")[:-1]]
     except (OSError, ValueError):
-        return None, None
-    return event_of(head), event_of(tail)
+        return None, None, None
+    told = next((line for line in reversed(lines) if b'"event":"progress"' in line), b"")
+    return event_of(head), event_of(lines[-1]), event_of(told)
 
 
 def headline_of(campaign: CampaignDirectory) -> Mapping[str, Any]:

@@ -215,11 +215,20 @@ def summary_json(table: RunTable, mask: Bools, *, by_result: bool = False) -> di
 
 
 def rows_json(
-    table: RunTable, mask: Bools, shown: Sequence[str], sort: str, *, descending: bool, start: int, count: int
+    table: RunTable,
+    mask: Bools,
+    shown: Sequence[str],
+    sort: str,
+    *,
+    descending: bool,
+    start: int,
+    count: int,
+    by_result: bool = False,
 ) -> dict[str, Any]:
     """Return a page of the selected configurations, sorted by a column of the page or any column of the table.
 
     A number of a configuration is the mean of its selected runs, a text that of the first. Configurations without a value come last.
+    Runs that were chosen `by_result` have no interval.
 
     Raises:
         BadFilter: a column that there is not.
@@ -241,7 +250,7 @@ def rows_json(
         {
             "configuration": table.configurations[here[k]],
             **_counts_json(counts[k]),
-            **rate_json(Counts(*counts[k].tolist()), table.runs),
+            **rate_json(Counts(*counts[k].tolist()), "searched" if by_result else table.runs),
             "values": [*map(_rounded, each.values())],
         }
         for k, each in zip(page.to_pylist(), values, strict=True)

@@ -1,9 +1,11 @@
 """Opened campaigns: their tables in memory, a few at a time."""
 
 import threading
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -15,8 +17,12 @@ from vastflow.deployments.explorer.selection import WIDE_FILE, Runs, RunTable, r
 from vastflow.deployments.explorer.trajectories import Reading
 from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
 from vastflow.oracles.results.schema import table_rows
-from vastflow.oracles.results.tables import FAIL
+from vastflow.oracles.results.tables import FAIL, read_verdicts
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
+from vastflow.sim.model.files import is_inside, read_json
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _KEPT: Final = 2
 _CONFIGURATIONS: Final = "configurations.parquet"
@@ -47,6 +53,46 @@ class Campaign:
                 found.start()
         found.join(wait_s)
         return found
+
+    @cached_property
+    def findings(self) -> list[str]:
+        """The sentences with which the report opens; none where it has not been written."""
+        found = self._evidence.get("findings")
+        return [each for each in found if isinstance(each, str)] if isinstance(found, list) else []
+
+    @cached_property
+    def classes(self) -> Mapping[str, str]:
+        """The class of each configuration by name, as in the report."""
+        classes = self._evidence.get("classes")
+        found = classes.get("configurations") if isinstance(classes, dict) else None
+        return {name: each for name, each in found.items() if isinstance(each, str)} if isinstance(found, dict) else {}
+
+    @cached_property
+    def _evidence(self) -> Mapping[str, Any]:
+        with suppress(OSError, ValueError):
+            if is_inside(file := self.directory.path / "evidence.json", self.directory.path):
+                found = read_json(file)
+                return found if isinstance(found, dict) else {}
+        return {}
+
+    @cached_property
+    def failures(self) -> "pd.DataFrame":
+        """Each failed verdict as `VerdictTable.reasons` has it, and the `row` of its run in `table`.
+
+        Raises:
+            OSError, ValueError: a damaged table of verdicts.
+        """
+        names = [row["name"] for row in table_rows(self.directory.path / _CONFIGURATIONS, "name")]
+        found = read_verdicts(self.directory.path, names).reasons("fail")
+        table = self.table
+        rows = dict(
+            zip(
+                zip(table.configuration.tolist(), table.run_index.tolist(), strict=True), range(len(table)), strict=True
+            )
+        )
+        places = {name: k for k, name in enumerate(table.configurations)}
+        own = zip(found.configuration.map(places).astype(float).tolist(), found.run_index.tolist(), strict=True)
+        return found.assign(row=[rows.get(each, -1) for each in own])
 
     @cached_property
     def maps(self) -> list[dict[str, Any]]:

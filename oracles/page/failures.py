@@ -100,6 +100,8 @@ def failure_kinds(failures: pd.DataFrame) -> list[Mapping[str, Any]]:
         reasons=("reason", "nunique"),
         runs=("reason", "size"),
         configurations=("configuration", "nunique"),
+        configuration=("configuration", "first"),
+        run_index=("run_index", "first"),
     )
     rows: list[Mapping[str, Any]] = (
         found.sort_values("runs", ascending=False, kind="stable").reset_index().to_dict("records")

@@ -74,7 +74,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             "How often a place is failed at",
             f"{name}: failed runs over visits in cells of 0.25 m",
             "Of the runs that came through a cell, the share that failed within the last 0.5 m of their path there. "
-            "Faint cells are uncertain. A dense spot on the left can be a busy one; a dark cell here is a dangerous one.",
+            "Faint cells are uncertain. A dense spot on the left can be a busy one; a strong color here is a dangerous one.",
             maps.failure_rate_figure(scene),
             density=True,
         )

@@ -1,5 +1,6 @@
 """The report: one self-contained HTML file from a campaign directory."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -42,6 +43,7 @@ SECTIONS: Final = (
 )
 """Sections in their order; each is None if it has nothing to show."""
 
+_FINDING: Final = re.compile(r'contrast">\s*<p>(.*?)</p>|<li class="(?:bad|good|warn)">(.*?)</li>', re.DOTALL)
 _PAGE: Final = Path(__file__).parent
 _FILTERS: Final = {
     **vars(words),
@@ -72,8 +74,6 @@ def write_report(directory: Path) -> Headline:
         "stood_still": {"runs": facts.stood.runs, **asdict(facts.stood)},
         "separates_nothing": criteria_json(facts.criteria),
     }
-    with open(directory / "evidence.json", "w", encoding="utf-8") as file:
-        file.writelines(evidence_json(tables, facts.evidence, facts.spreads, said))
     shown = [found for section in SECTIONS if (found := section(facts)) is not None]
     contrasts = contrast_pictures(facts.findings.designs)
     pictures = [*contrasts.values(), *(picture for section in shown for picture in section.pictures)]
@@ -85,6 +85,9 @@ def write_report(directory: Path) -> Headline:
     for film in (film for section in shown for film in section.films):
         (figures / f"{film.name}.mp4").write_bytes(film.mp4)
     page = _html(facts, shown, contrasts, _embedded(pictures))
+    said["findings"] = _findings_in(page)
+    with open(directory / "evidence.json", "w", encoding="utf-8") as file:
+        file.writelines(evidence_json(tables, facts.evidence, facts.spreads, said))
     (directory / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
     return facts.everything.campaign.headline
 
@@ -111,6 +114,12 @@ def _html(
         style=Markup((_PAGE / "report.css").read_text(encoding="utf-8")),
         script=Markup((_PAGE / "report.js").read_text(encoding="utf-8")),
     )
+
+
+def _findings_in(page: str) -> list[str]:
+    """Return the sentences with which a report opens below its headline."""
+    opening = page[page.index('<section class="verdict') : page.index('<nav aria-label="Sections">')]
+    return [Markup("".join(each)).striptags() for each in _FINDING.findall(opening)]
 
 
 def _embedded(pictures: Iterable[Picture]) -> set[str]:

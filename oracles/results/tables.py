@@ -182,7 +182,7 @@ class VerdictTable:
         return np.bincount(cells, minlength=4 * len(self.names)).reshape(-1, 4)[:, :ABSENT]
 
     def reasons(self, judgement: Judgement) -> "pd.DataFrame":
-        """The `configuration`, `oracle` and `reason` of each verdict that is `judgement`, as categories."""
+        """The `configuration`, `oracle` and `reason`, as categories, and `run_index` of each verdict that is `judgement`."""
         import pandas as pd
 
         rows, (reason, reasons) = self._said == CODES[judgement], codes(self.table["reason"])
@@ -191,7 +191,8 @@ class VerdictTable:
             "oracle": (self._oracle[rows], self.oracles),
             "reason": (reason[rows], reasons),
         }
-        return pd.DataFrame({name: pd.Categorical.from_codes(*column) for name, column in found.items()})
+        columns = {name: pd.Categorical.from_codes(*column) for name, column in found.items()}
+        return pd.DataFrame({**columns, "run_index": self.run_index[self._run[rows]]})
 
     def metrics(self, oracle: str) -> Mapping[str, MetricColumn]:
         """An oracle's metrics by name, in the order of their names in its verdicts.

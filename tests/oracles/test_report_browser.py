@@ -1,12 +1,15 @@
 """The report in a real browser: nothing on its console, tables that sort and filter, plain tables without its script."""
 
 import base64
+import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from chromium import CHROMIUM, Browser, chromium, opened
+from PIL import Image
 
 from vastflow.oracles.page.report import write_report
 
@@ -172,3 +175,24 @@ def test_browser_plays_film_on_request(browser: Browser, report: Path) -> None:
     ends = "film.playbackRate = 8; film.onended = () => done('ended'); film.onerror = () => fail(film.error)"
     played = f"new Promise((done, fail) => {{ {film}; {ends}; film.play().catch(fail) }})"
     assert promised(browser, played) == "ended"
+
+
+def test_narrow_page_in_dark_mode_has_dark_figures(browser: Browser, report: Path) -> None:
+    browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+    try:
+        for scheme, is_dark in (("light", False), ("dark", True)):
+            told = {"name": "prefers-color-scheme", "value": scheme}
+            browser.ask("Emulation.setEmulatedMedia", features=[told])
+            browser.open(report)
+            assert browser.value("document.documentElement.scrollWidth") == 390
+            browser.value("document.querySelector('main img').scrollIntoView({ block: 'center' })")
+            assert promised(browser, "document.querySelector('main img').decode().then(() => true)")
+            place = browser.value(
+                "(() => { const { x, y } = document.querySelector('main img').getBoundingClientRect(); return [x + scrollX, y + scrollY] })()"
+            )
+            clip = {"x": place[0], "y": place[1], "width": 200, "height": 100, "scale": 1}
+            shot = base64.b64decode(browser.ask("Page.captureScreenshot", format="png", clip=clip)["data"])
+            assert (np.median(Image.open(io.BytesIO(shot)).convert("L")) < 64) == is_dark
+    finally:
+        browser.ask("Emulation.clearDeviceMetricsOverride")
+        browser.ask("Emulation.setEmulatedMedia", features=[])

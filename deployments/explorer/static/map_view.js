@@ -15,6 +15,7 @@ const NEAR_PX = 8;
 const STEP_PX = 40;
 const ZOOM = 1.5;
 const OBSTACLE = { fill: "var(--obstacle)", "fill-opacity": 0.4, stroke: "var(--obstacle-edge)", "stroke-width": 0.02 };
+const DASHED = { "stroke-dasharray": "5 4" };
 const PIXELS = { preserveAspectRatio: "none", "image-rendering": "pixelated" };
 /** Viridis from yellow (little) to purple (much), as in the report. */
 const RAMP = ["#fde725", "#5ec962", "#21918c", "#3b528b", "#440154"];
@@ -121,8 +122,10 @@ export class MapView extends ShownPart {
       const places = Array.from({ length: last - first }, (_, k) => place(first + k));
       lines[verdict] += `M${places.join("L")}${ends ? "h0" : ""}`;
     });
-    const look = ends ? DOTS : { "stroke-width": 1.5, opacity: within(4 / Math.sqrt(header.runs), 0.15, 0.9) };
-    return lines.map((d, k) => drawn("path", { d, class: VERDICTS[k].color, ...look }));
+    // Failed runs cover others, as blended colors of passed and failed ones are those of runs that were not judged; these are dashed.
+    const faint = within(4 / Math.sqrt(header.runs), 0.15, 0.9);
+    const look = (k) => (ends ? DOTS : { "stroke-width": 1.5, opacity: k === 1 ? 0.9 : faint, ...(k === 2 && DASHED) });
+    return [2, 0, 1].map((k) => drawn("path", { d: lines[k], class: VERDICTS[k].color, ...look(k) }));
   }
 
   /** A picture of the cells; their legend is written. */
@@ -148,7 +151,7 @@ export class MapView extends ShownPart {
         : `runs that ${header.layer === "ends" ? "ended" : "came"} here`;
     const ramp = element("span", { class: "ramp" });
     ramp.style.background = `linear-gradient(90deg, ${RAMP})`;
-    this.legend.replaceChildren(isRate ? "0 %" : "1", ramp, isRate ? "100 %" : count(most), words);
+    this.legend.replaceChildren(isRate ? "0 %" : "1", ramp, isRate ? "100 %" : count(most), element("span", {}, words));
     const box = { x: origin[0], y: -origin[1] - cell * rows, width: cell * columns, height: cell * rows };
     return drawn("image", { href: picture(rows, columns, colors).toDataURL(), ...PIXELS, ...box });
   }

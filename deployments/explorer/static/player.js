@@ -40,7 +40,8 @@ class Player {
     end: () => this.seek(this.end),
     slower: () => (speed.selectedIndex = Math.max(speed.selectedIndex - 1, 0)),
     faster: () => (speed.selectedIndex = Math.min(speed.selectedIndex + 1, speed.length - 1)),
-    contact: () => this.#toNextContact(),
+    contact: () => this.#toNext("contact", (event) => event.kind === "contact"),
+    event: () => this.#toNext("event", () => true),
     next: () => this.#open("n", "No failed run comes after this one."),
     previous: () => this.#open("p", "No failed run comes before this one."),
     closer: () => this.views.forEach((view) => view.zoom(1.25)),
@@ -160,11 +161,12 @@ class Player {
     return location.href;
   }
 
-  #toNextContact() {
-    const times = this.sides.flatMap(({ run }) => run.contacts.map((event) => event.t_s)).sort((a, b) => a - b);
+  /** Go to the next event of a kind. */
+  #toNext(kind, is) {
+    const times = this.sides.flatMap(({ run }) => run.events.filter(is).map((event) => event.t_s)).sort((a, b) => a - b);
     const next = times.find((t) => t > this.t + 1e-3);
     if (next !== undefined) this.seek(next);
-    else said.textContent = times.length ? "No contact comes after this moment." : "There is no contact.";
+    else said.textContent = times.length ? `No ${kind} comes after this moment.` : `There is no ${kind}.`;
   }
 
   #follow() {
@@ -221,12 +223,18 @@ async function sideOf(c, configuration, run) {
   return { run: found, query: place };
 }
 
-$("runs").addEventListener("change", () => $("runs").submit());
+let player = /** @type {Player | undefined} */ (undefined);
+$("runs").addEventListener("change", () => {
+  const moment = player ? { t: player.t.toFixed(3), paused: player.playing ? "" : "1", layers: query.get("layers") } : {};
+  for (const [name, value] of Object.entries(moment))
+    if (value) $("runs").append(element("input", { type: "hidden", name, value }));
+  $("runs").submit();
+});
 try {
   const given = (name) => query.get(name) || "";
   const runs = [sideOf(given("c"), given("configuration"), given("run"))];
   if (given("withrun")) runs.push(sideOf(given("withc") || given("c"), given("with"), given("withrun")));
-  const player = new Player(await Promise.all(runs));
+  player = new Player(await Promise.all(runs));
   said.textContent = "";
   if (query.get("layers") === "1") await player.load();
 } catch (error) {

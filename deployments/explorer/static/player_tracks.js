@@ -1,5 +1,5 @@
 /** The time line and the signals over one time axis, which the server drew: a cursor, values, and what robots did. */
-import { drawn } from "./dom.js";
+import { drawn, element } from "./dom.js";
 
 /** Pixels; the style sheet has the same edges. */
 const [LEFT, RIGHT] = [52, 12];
@@ -24,6 +24,8 @@ export class Tracks {
   constructor(place, sides, end, seek) {
     Object.assign(this, { place, sides, seek, end: Math.max(end, 0.1) });
     [this.line, this.cursor] = [".track", ".cursor"].map((selector) => place.querySelector(selector));
+    this.legend = element("p", { class: "row muted", "aria-label": "Colors of what the robot did" });
+    this.line.after(this.legend);
     for (const track of place.querySelectorAll(".track")) {
       track.addEventListener("pointerdown", (event) => this.#point(event, true));
       track.addEventListener("pointermove", (event) => this.#point(event, false));
@@ -73,5 +75,14 @@ export class Tracks {
       });
       row.replaceChildren(...bars);
     });
+    const kinds = new Set(this.sides.flatMap(({ activities }) => activities.map(([, , kind]) => kind)));
+    this.legend.replaceChildren(
+      ...[...kinds].map((kind) => {
+        const [color, alpha] = BANDS[kind] ?? ["muted", 0.22];
+        const swatch = element("span", { "aria-hidden": "true" }, "■");
+        Object.assign(swatch.style, { color: `var(--${color})`, opacity: Math.max(alpha, 0.4) });
+        return element("span", {}, swatch, ` ${kind}`);
+      }),
+    );
   }
 }

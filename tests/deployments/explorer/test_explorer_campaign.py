@@ -4,6 +4,7 @@ import io
 import json
 import shutil
 from base64 import b64decode
+from collections import Counter
 from datetime import datetime
 
 import numpy as np
@@ -15,6 +16,7 @@ from table import each_row
 
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.oracles.evidence.wide import WIDE_FILE
+from vastflow.oracles.page.report import write_report
 from vastflow.oracles.results.events import EVENTS, Event
 from vastflow.oracles.results.unfinished import WRITER, writer
 
@@ -52,6 +54,69 @@ def test_campaign_page_names_the_campaign(client, campaign):
     assert page.status_code == 200
     assert "<h1>office" in page.text
     assert "/static/campaign.js" in page.text
+
+
+def test_campaign_page_opens_with_findings_classes_report_and_file(client, campaign):
+    c, directory = campaign
+    page = client.get("/campaign", params={"c": c}).text
+    assert "Open the report" not in page and "findings" not in page
+    assert "name: office" in page
+    assert client.get("/report", params={"c": c}).status_code == 404
+    write_report(directory)
+    classes = Counter(json.loads((directory / "evidence.json").read_text())["classes"]["configurations"].values())
+    page = client.get("/campaign", params={"c": c}).text
+    for name, n in classes.items():
+        assert f"<b>{n}</b> {name}" in page
+    assert "Of 5 configurations, 2 passed in every judged run, 1 failed in every one" in page
+    assert f'href="/report?c={c}"' in page
+    report = client.get("/report", params={"c": c})
+    assert report.content == (directory / "report.html").read_bytes()
+    assert report.headers["content-security-policy"].startswith("sandbox; default-src 'none'; ")
+
+
+@each_row(
+    "content",
+    [
+        "{",
+        "[]",
+        '{"findings": 3, "classes": {"configurations": [1]}}',
+        '{"classes": {"configurations": {"hard-1": 1}}}',
+    ],
+)
+def test_campaign_page_does_without_strange_evidence(client, campaign, content):
+    c, directory = campaign
+    (directory / "evidence.json").write_text(content)
+    assert "Configurations: " not in client.get("/campaign", params={"c": c}).text
+    assert client.get("/api/configuration", params={"c": c, "name": "hard-1"}).json()["class"] is None
+
+
+def test_reasons_are_those_of_oracles_grouped_as_in_the_report(client, campaign):
+    c, directory = campaign
+    verdicts = pd.read_parquet(directory / "verdicts.parquet")
+    late = (verdicts["configuration"] == "hard-1") & (verdicts["judgement"] == "fail")
+    verdicts.loc[late, "reason"] = [f"drove {k} m too far" for k in range(late.sum())]
+    verdicts.to_parquet(directory / "verdicts.parquet")
+    far, stuck = client.get("/api/summary", params={"c": c}).json()["kinds"]
+    assert (far["oracle"], far["runs"], far["configurations"], far["reasons"]) == ("success", 4, 1, 4)
+    assert (stuck["runs"], stuck["configurations"]) == (3, 2)
+    (far,) = client.get("/api/summary", params={"c": c, "f": "configuration=hard-1;run_index:1.."}).json()["kinds"]
+    assert (far["runs"], far["configuration"], far["run_index"]) == (3, "hard-1", 1)
+    html = client.get("/api/summary", params={"c": c}, headers={"accept": "text/html"}).text
+    assert "none given" not in html and "drove 0 m too far" in html
+
+
+def test_configuration_has_class_and_interval(client, campaign):
+    c, directory = campaign
+    write_report(directory)
+    classes = json.loads((directory / "evidence.json").read_text())["classes"]["configurations"]
+    page = client.get("/configuration", params={"c": c, "name": "hard-1"}).text
+    assert "95 % interval 0.0–49.0 %" in page and f"<b>{classes['hard-1']}</b>" in page
+
+
+def test_rows_of_runs_chosen_by_result_have_no_interval(client, campaign):
+    whole, failed = (client.get("/api/rows", params={"c": campaign[0], "f": f}).json() for f in ("", "passed=fail"))
+    assert all(row["interval"] for row in whole["rows"])
+    assert [row["interval"] for row in failed["rows"]] == [None, None, None]
 
 
 def test_campaign_page_shows_faults_and_rejections(client, campaign):

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from datetime import datetime
 
 import pytest
 from table import each_row
@@ -10,6 +11,8 @@ from table import each_row
 from vastflow.deployments.explorer.campaigns_page import counts_of, rows_of, trends_of
 from vastflow.deployments.explorer.directories import Directories, NoSuchCampaign
 from vastflow.deployments.explorer.file_change import MOST_LINES, file_change
+from vastflow.oracles.results.events import EVENTS, Event
+from vastflow.oracles.results.unfinished import WRITER, writer
 from vastflow.oracles.statistics.intervals import Counts
 
 TEXT = "version: 1\nexecution:\n  runs: 4\n"
@@ -146,6 +149,29 @@ def test_trend_has_judged_campaigns_of_a_name_oldest_first(directories, add_camp
     add_campaign(23, {"room": [1]}, name="single")
     (trend,) = trends_of(rows(directories))
     assert [row.counts for row in trend["campaigns"]] == [Counts(3, 1), Counts(2, 2), Counts(4, 0)]
+
+
+def test_trends_part_files_and_robots_of_one_name(directories, add_campaign):
+    for day, file, robot in ((20, "a", "x"), (21, "a", "x"), (22, "b", "x"), (23, "b", "x"), (24, "b", "y")):
+        metadata = add_campaign(day, {"room": [1]}) / "metadata.json"
+        told = {"asked": {"file": f"{file}.vast"}, "robots": [{"families": ["room"], "summary": robot, "robot": []}]}
+        metadata.write_text(json.dumps(json.loads(metadata.read_text()) | told))
+    found = [(each["of"], len(each["campaigns"])) for each in trends_of(rows(directories))]
+    assert found == [("b.vast, x", 2), ("a.vast, x", 2)]
+
+
+def test_running_campaign_has_counts_in_the_list(client, results):
+    place = results / ".office-2026-11-21-060000.running"
+    place.mkdir()
+    (place / WRITER).write_text(json.dumps(writer()))
+    counts = {"runs_done": 1234, "runs_total": 3685, "passed": 1000, "failed": 234, "not_judged": 0}
+    now = datetime.now().astimezone()
+    events = [Event(now, "began", {"name": "office"}), Event(now, "progress", counts)]
+    for later in ([], [Event(now, "verdicts", {"runs": [1]})], [Event(now, "progress", {"runs_done": "many"})]):
+        (place / EVENTS).write_bytes(b"".join(each.line for each in [*events, *later]))
+        page = client.get("/").text
+        is_whole = not later or later[0].event == "verdicts"
+        assert ("1,234 of 3,685" in page and "1,000 passed, 234 failed so far" in page) == is_whole
 
 
 def test_trend_is_drawn_from_left_to_right_with_intervals(client, add_campaign):

@@ -175,7 +175,7 @@ def test_keys_move_the_clock(page: Page):
             ("ArrowLeft", True, "0.80 s"),
         ),
         *((".", False, "0.85 s"), (",", False, "0.80 s"), ("ArrowRight", False, "0.90 s"), ("End", False, "2.50 s")),
-        *(("ArrowRight", False, "2.50 s"), ("Home", False, "0.00 s"), (",", False, "0.00 s")),
+        *(("ArrowRight", False, "2.50 s"), ("Home", False, "0.00 s"), (",", False, "0.00 s"), ("e", False, "0.50 s")),
     ]:
         page.press(key, shift)
         assert page.shows(shown), key
@@ -239,6 +239,19 @@ def test_address_keeps_the_moment_and_back_leaves(page: Page):
         page.browser,
         "/t=1.25(&|$)/.test(location.search) && document.querySelector('.time')?.textContent.startsWith('1.25 s')",
     )
+
+
+def test_choosing_a_run_keeps_moment_and_pause(page: Page):
+    page.open(t=0.5)
+    page.press("c")
+    assert page.shows("1.25 s")
+    page.browser.value(
+        "(() => { const s = document.querySelector('[name=withrun]'); s.value = '1'; s.dispatchEvent(new Event('change', { bubbles: true })) })()"
+    )
+    wait(page.browser, "document.querySelectorAll('canvas.map').length === 2")
+    assert page.shows("1.25 s of 4.10 s")
+    assert page.text("[data-action=toggle]") == "Play"
+    assert "driving" in page.text("[aria-label='Colors of what the robot did']")
 
 
 def test_lock_step_has_one_clock_and_the_longer_end(page: Page):
