@@ -163,7 +163,8 @@ class Player {
 
   /** Go to the next event of a kind. */
   #toNext(kind, is) {
-    const times = this.sides.flatMap(({ run }) => run.events.filter(is).map((event) => event.t_s)).sort((a, b) => a - b);
+    const events = this.sides.flatMap(({ run }) => run.events.filter(is));
+    const times = events.map((event) => event.t_s).sort((a, b) => a - b);
     const next = times.find((t) => t > this.t + 1e-3);
     if (next !== undefined) this.seek(next);
     else said.textContent = times.length ? `No ${kind} comes after this moment.` : `There is no ${kind}.`;
@@ -225,7 +226,8 @@ async function sideOf(c, configuration, run) {
 
 let player = /** @type {Player | undefined} */ (undefined);
 $("runs").addEventListener("change", () => {
-  const moment = player ? { t: player.t.toFixed(3), paused: player.playing ? "" : "1", layers: query.get("layers") } : {};
+  const paused = player?.playing ? "" : "1";
+  const moment = player ? { t: player.t.toFixed(3), paused, layers: query.get("layers") } : {};
   for (const [name, value] of Object.entries(moment))
     if (value) $("runs").append(element("input", { type: "hidden", name, value }));
   $("runs").submit();
