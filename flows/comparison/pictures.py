@@ -1,17 +1,17 @@
 """Pictures of a comparison: a configuration's runs in baseline and candidate on the map."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vastflow.flows.comparison.campaigns import Compared
-from vastflow.oracles.figures.case_figure import Case, pair_figure
-from vastflow.oracles.figures.scene import read_walks, zones_of
+from vastflow.oracles.figures.case_figure import Case, case_of, pair_figure
+from vastflow.oracles.figures.scene import read_walks
 from vastflow.oracles.figures.style import png
-from vastflow.oracles.observation.situation import situation_of
-from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
+from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.tables import JUDGEMENTS, Tables
 
 if TYPE_CHECKING:
@@ -55,16 +55,8 @@ def draw(found: Compared, most: int, folder: Path) -> tuple[dict[str, Path], dic
 
 
 def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong: int | None) -> Case:
-    found = tables.configurations
-    k = found.names.index(name)
-    environment = found.environments[k]
-    if environment is None:
-        raise ValueError("it has no map")
-    walks = read_walks(tables.directory, name)
-    scenario = scenario_of_row(found.row(k), KeptFiles(tables.directory))
-    occupancy = kept_map(tables.directory, environment)
-    situation, zones = situation_of(scenario), zones_of([scenario])
-    if walks is None:
+    case = case_of(tables, tables.configurations.names.index(name), KeptFiles(tables.directory))
+    if (walks := read_walks(tables.directory, name)) is None:
         raise ValueError(f"{tables.directory} has no recording of it")
     shown = [run for run in range(len(walks.run_index)) if int(walks.run_index[run]) in judged]
     paths: Sequence[tuple[Judgement, NDArray[Any]]] = [
@@ -72,4 +64,4 @@ def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong:
     ]
     indices = [int(walks.run_index[run]) for run in shown]
     chosen = indices.index(strong) if strong in indices else None
-    return Case(title, occupancy, situation, [*situation.obstacles, *walks.spawned], paths, chosen, zones)
+    return replace(case, title=title, obstacles=[*case.obstacles, *walks.spawned], paths=paths, chosen=chosen)

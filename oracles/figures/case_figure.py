@@ -14,11 +14,15 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures import maps
-from vastflow.oracles.figures.scene import NO_ZONES, Zones
+from vastflow.oracles.figures.scene import NO_ZONES, Zones, zones_of
 from vastflow.oracles.figures.style import COLORS, DPI, INK, OBSTACLE_COLOR, OBSTACLE_EDGE, WORDS, place
 from vastflow.oracles.judgement.verdict import Judgement
-from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.situation import Situation, situation_of
+from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
+from vastflow.oracles.results.tables import Tables
 from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.reading.world import WORLD_KEY, difference_of
+from vastflow.sim.world.difference import world_of
 from vastflow.sim.world.occupancy import OccupancyMap
 
 Floats = NDArray[np.float64]
@@ -69,6 +73,19 @@ class Case:
         """All places (n, 2) that a figure must show."""
         around = [] if self.around_xy_m is None else [self.around_xy_m]
         return [*self.stops, *(path for _, path in self.paths), *around]
+
+
+def case_of(tables: Tables, configuration: int, files: KeptFiles) -> Case:
+    """The configuration at an index on its map, before any run; a `ValueError` without a map."""
+    environment = tables.configurations.environments[configuration]
+    if environment is None:
+        raise ValueError("it has no map")
+    scenario = scenario_of_row(tables.configurations.row(configuration), files)
+    occupancy = kept_map(tables.directory, environment)
+    difference = difference_of(scenario.environment.get(WORLD_KEY))
+    world = None if difference is None else world_of(occupancy, difference)
+    situation = situation_of(scenario)
+    return Case("", occupancy, situation, situation.obstacles, (), zones=zones_of([scenario]), world=world)
 
 
 def case_figure(case: Case) -> Figure:

@@ -8,17 +8,13 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from vastflow.oracles.evidence.causes import CauseCount
-from vastflow.oracles.figures.case_figure import Case
+from vastflow.oracles.figures.case_figure import case_of
 from vastflow.oracles.figures.film import FilmError, write_mp4
 from vastflow.oracles.figures.run_film import LAST_MS, PICTURE_MS, FilmedRun
-from vastflow.oracles.figures.scene import zones_of
-from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.page.words import number
-from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
+from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.tables import Tables
 from vastflow.sim.model.blocks import read_recordings
-from vastflow.sim.reading.world import WORLD_KEY, difference_of
-from vastflow.sim.world.difference import world_of
 
 LOGGER: Final = logging.getLogger("vastflow.report")
 
@@ -54,21 +50,15 @@ def cause_film(tables: Tables, count: CauseCount, files: KeptFiles) -> Film | No
     """
     name = count.configuration
     configuration = tables.configurations.names.index(name)
-    environment = tables.configurations.environments[configuration]
     file = tables.directory / "recordings" / f"{name}.parquet"
-    if not environment or not file.is_file():
+    if not tables.configurations.environments[configuration] or not file.is_file():
         return None
     recordings = {each.run.run_index: each for each in read_recordings(file)}
     recording = recordings.get(count.run_index)
     if recording is None or len(recording.columns.get("t_ms", ())) < 2:
         return None
-    scenario = scenario_of_row(tables.configurations.row(configuration), files)
-    situation = situation_of(scenario)
-    occupancy = kept_map(tables.directory, environment)
-    difference = difference_of(scenario.environment.get(WORLD_KEY))
-    world = None if difference is None else world_of(occupancy, difference)
-    case = Case("", occupancy, situation, (), (), zones=zones_of([scenario]), world=world)
-    filmed = FilmedRun(case, recording, "fail", situation.circumscribed_radius_m)
+    case = case_of(tables, configuration, files)
+    filmed = FilmedRun(case, recording, "fail", case.situation.circumscribed_radius_m)
     mp4, size = _encoded(filmed)
     if not mp4 or 4 * len(mp4) > 3 * MOST_BYTES:
         return None

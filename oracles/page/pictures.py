@@ -1,6 +1,7 @@
 """Pictures of the report: figures as PNG and SVG, with their words."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -11,18 +12,15 @@ from vastflow.oracles.evidence.causes import CauseCount, Criterion
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.findings import Design
 from vastflow.oracles.figures import maps
-from vastflow.oracles.figures.case_figure import Case, case_figure
+from vastflow.oracles.figures.case_figure import case_figure, case_of
 from vastflow.oracles.figures.charts import factor_figure, interaction_figure, rates_figure, threshold_figure
-from vastflow.oracles.figures.scene import Scene, Walks, distinct_obstacles, read_estimate, read_walks, zones_of
+from vastflow.oracles.figures.scene import Scene, Walks, distinct_obstacles, read_estimate, read_walks
 from vastflow.oracles.figures.style import png, svg
 from vastflow.oracles.judgement.verdict import Judgement
-from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.page.section import Picture
-from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
+from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.tables import CODES, JUDGEMENTS, Tables
 from vastflow.sim.model.obstacle import Obstacle
-from vastflow.sim.reading.world import WORLD_KEY, difference_of
-from vastflow.sim.world.difference import world_of
 
 MAX_EMBEDDED: Final = 11_000_000
 """Bytes of pictures within the page, which stays below 20 MB; others are only in `figures/`."""
@@ -74,7 +72,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             "How often a place is failed at",
             f"{name}: failed runs over visits in cells of 0.25 m",
             "Of the runs that came through a cell, the share that failed within the last 0.5 m of their path there. "
-            "Faint cells are uncertain. A dense spot on the left can be a busy one; a strong color here is a dangerous one.",
+            "Faint cells are uncertain. A dense spot on the left can be a busy one; a dark cell here is a dangerous one.",
             maps.failure_rate_figure(scene),
             density=True,
         )
@@ -158,15 +156,9 @@ def _on_map(
     spawned: Sequence[Obstacle],
     estimate_xy_m: NDArray[np.float64] | None = None,
 ) -> Figure:
-    scenario = scenario_of_row(tables.configurations.row(configuration), files)
-    situation = situation_of(scenario)
-    environment = tables.configurations.environments[configuration]
-    occupancy = kept_map(tables.directory, str(environment))
-    difference = difference_of(tables.configurations.contents[configuration]["environment"].get(WORLD_KEY))
-    world = None if difference is None else world_of(occupancy, difference)
-    obstacles = distinct_obstacles([*situation.obstacles, *spawned])
-    zones = zones_of([scenario])
-    return case_figure(Case("", occupancy, situation, obstacles, paths, None, zones, estimate_xy_m, world))
+    case = case_of(tables, configuration, files)
+    obstacles = distinct_obstacles([*case.obstacles, *spawned])
+    return case_figure(replace(case, obstacles=obstacles, paths=paths, estimate_xy_m=estimate_xy_m))
 
 
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:

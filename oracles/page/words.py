@@ -133,12 +133,13 @@ def metric_text(effect: MetricEffect, units: Units) -> str:
     unit = "" if effect.unit in ("", "1") else f"\N{NO-BREAK SPACE}{effect.unit}"
     means = sorted(zip(effect.means, effect.levels, strict=True), reverse=True)
     listed = ", ".join(f"{level} {number(mean)}{unit}" for mean, level in means)
+    (most, highest), (least, lowest) = means[0], means[-1]
     said = (
         f"{effect.name} matters for the {effect.metric} on {_these(effect, units)}: {listed} ({p_text(effect.these)})."
     )
     if not effect.these.shown:
         said = f"{effect.name} matters for the {effect.metric} on other {units.others}: {listed}."
-    apart = f"{effect.highest} is above {effect.lowest} in {effect.above} of {effect.sets} situations, by {number(effect.difference)}{unit} on average"
+    apart = f"{highest} is above {lowest} in {effect.above} of {effect.sets} situations, by {number(most - least)}{unit} on average"
     ends = effect.interval if effect.others.shown else None
     if ends is not None and (ends[0] > 0 or ends[1] < 0):
         apart += f" ({number(ends[0])} … {number(ends[1])} on other {units.others})"

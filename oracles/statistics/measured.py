@@ -26,11 +26,9 @@ class MetricEffect:
         levels, means: Compared levels, and the mean at each, where each situation counts once.
         left_out: Levels at which fewer than half of the missions reached the goal.
         rounds, of: Rounds compared, of all.
-        highest, lowest: Levels with the highest and the lowest mean.
-        sets, above: Matched sets with compared rounds, and those with more at `highest` than at `lowest`.
+        sets, above: Matched sets with compared rounds, and those with more at the highest level than at the lowest.
         situations: Independent units of them.
-        difference: Between the two levels.
-        interval: Of `difference`, by Student's t over situations, allowing for the choice among all pairs of levels (Bonferroni);
+        interval: Of the difference of these two, by Student's t over situations, allowing for the choice among all pairs of levels (Bonferroni);
             None for a single situation.
         these: Whether the metric differs on these situations, by `permuted` within rounds.
         others: Whether it does on others like them, by `permuted` within situations.
@@ -44,12 +42,9 @@ class MetricEffect:
     left_out: tuple[str, ...]
     rounds: int
     of: int
-    highest: str
-    lowest: str
     sets: int
     above: int
     situations: int
-    difference: float
     interval: tuple[float, float] | None
     these: Claim
     others: Claim
@@ -144,12 +139,9 @@ def _effect(
         tuple(each for each, is_kept in zip(factor.levels, kept, strict=True) if not is_kept),
         len(rows),
         len(table),
-        levels[high],
-        levels[low],
         len(by_set),
         int((by_set[:, high] > by_set[:, low]).sum()),
         situations,
-        float(apart.mean()),
         _interval(apart, error / math.comb(len(levels), 2)),
         Claim(permuted(rows, numbers)),
         Claim(permuted(by_unit, numbers), least=math.factorial(len(levels)) ** (1.0 - situations)),

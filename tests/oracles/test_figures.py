@@ -199,7 +199,7 @@ def test_factor_figure_has_one_artist_for_all_situations_and_few_labels():
     claim = Claim(0.5)
     levels = [LevelEffect(str(k), 1, 2, None, None, 3, 0.5, 0.5) for k in range(600)]
     rates = [[None if (k + of) % 7 == 0 else 0.5 for k in range(600)] for of in range(50)]
-    effect = FactorEffect("x", levels, "0", "1", 0.0, 0.0, claim, claim, rates=rates)
+    effect = FactorEffect("x", levels, "0", "1", 0.0, claim, claim, rates=rates)
     (axes,) = factor_figure([effect]).axes
     (lines,) = [each for each in axes.collections if isinstance(each, LineCollection)]
     assert len(lines.get_segments()) == 50

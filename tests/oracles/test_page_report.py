@@ -401,7 +401,7 @@ def test_few_failed_runs_are_no_finding_about_system(synthetic_campaign, room, b
 def test_interaction_figure_orders_numbers():
     levels = [("a", "1"), ("a", "10"), ("b", "1"), ("b", "2"), ("b", "10")]
     cells = tuple(LevelPair(pair, 1, 0.5, 0.5, Interval(0.0, 1.0)) for pair in levels)
-    (axes,) = interaction_figure([InteractionEffect(("kind", "size"), cells, 0.0, 0.0, Claim(None))]).axes
+    (axes,) = interaction_figure([InteractionEffect(("kind", "size"), cells, 0.0, Claim(None))]).axes
     assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2", "10"]
 
 

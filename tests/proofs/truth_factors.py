@@ -193,7 +193,8 @@ def metrics(
         _count(found, "shown for others", "told", each.others.shown)
     for each in effects:
         if each.interval is not None and not failing:
-            truth = slower * ((each in truly) * ((each.highest == "c0") - int(each.lowest == "c0")))
+            high, low = (each.levels[int(end(each.means))] == "c0" for end in (np.argmax, np.argmin))
+            truth = slower * (each in truly) * (int(high) - int(low))
             _count(found, "interval holds the difference", "covered", each.interval[0] <= truth <= each.interval[1])
 
 
