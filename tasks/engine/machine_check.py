@@ -11,6 +11,7 @@ from typing import Final
 import platformdirs
 from packaging.requirements import Requirement
 
+from vastflow.sim.model.files import is_file
 from vastflow.tasks.store.artifact import StoreError
 
 _SHARED_MEMORY: Final = Path("/dev/shm")
@@ -27,7 +28,7 @@ def check_machine() -> None:
     check_folders()
     home = Path(os.environ.get("PREFECT_HOME") or "~/.prefect").expanduser()
     # With an API of the user's, which a profile may name, Prefect writes nothing there.
-    if not os.environ.get("PREFECT_API_URL") and not (home / "profiles.toml").exists():
+    if not os.environ.get("PREFECT_API_URL") and not is_file(home / "profiles.toml"):
         _check_written(home, "set PREFECT_HOME to a folder of yours")
     if sys.platform == "linux":
         if not _SHARED_MEMORY.is_dir():

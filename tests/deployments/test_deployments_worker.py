@@ -140,7 +140,7 @@ def test_contradictory_parameters_are_refused_before_running(api, deployed):
 def test_worker_runs_campaign_in_one_flow_run_with_log_and_artifacts(api, place, first):
     assert first.state.name == "Completed", first.state.message
     assert first.name == "tiny, 2 configurations × 2 runs"
-    assert first.state.message.startswith("2 configurations × 2 runs: ")
+    assert first.state.message.startswith("100 % passed; ") and "2 configurations × 2 runs: 4 passed" in first.state.message
     assert first.state.message.endswith("; 4 runs executed, 0 from the store")
     (directory,) = (place / "results").glob("tiny-*")
     report = directory / "report.html"
@@ -158,9 +158,9 @@ def test_worker_runs_campaign_in_one_flow_run_with_log_and_artifacts(api, place,
     assert found["tiny-report"]["data"] == f"[report.html]({report.as_uri()})"
     lines = logged(api, first)
     assert len(lines) < 20
-    own = [line for line in lines if line.startswith(("2 configurations", "executing", "writing"))]
+    own = [line for line in lines if line.startswith(("2 configurations", "executing", "writing", "100 %"))]
     assert own[0] == "2 configurations × 2 runs; 0 runs are in the store"
-    assert own[-1].startswith("2 configurations × 2 runs: ") and "report: " in own[-1]
+    assert own[-1].startswith("100 % passed; ") and "report: " in own[-1]
 
 
 def test_stages_are_task_runs_of_one_flow_run(api, first):

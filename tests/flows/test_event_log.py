@@ -288,7 +288,7 @@ def test_running_campaign_is_followed_stopped_killed_and_resumed(asleep, tmp_pat
     shown = called("show", "--follow", tmp_path / "two")
     said, _ = process.communicate(timeout=120)
     assert (process.returncode, shown.exit_code) == (0, 0), said
-    assert shown.stdout.startswith("12 passed, 0 failed, 0 not judged\nreport: ")
+    assert shown.stdout.startswith("100 % passed; ") and "\n12 passed, 0 failed, 0 not judged\nreport: " in shown.stdout
     found = [event for event in events_in(place) if event.event == "verdicts"]
     assert sorted(run for event in found for run in event.values["runs"]) == [*[0] * 6, *[1] * 6]
     last = events_in(place)[-1].values

@@ -21,7 +21,7 @@ from vastflow.oracles.results.unfinished import STOP, WRITER, unfinished, writer
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")]
 
-PATIENCE_S = 60
+PATIENCE_S = 150
 
 
 @pytest.fixture
