@@ -56,6 +56,15 @@ def test_manifest_of_brackets_alone_is_damage(store):
     assert store.find(KEY) is None
 
 
+@pytest.mark.timeout(30)
+def test_manifest_that_is_a_file_of_the_kernel_is_damage(store):
+    store.put(KEY, {"a.bin": b"a"})
+    manifest = Path(store.place, KEY, "manifest")
+    manifest.unlink()
+    manifest.symlink_to("/proc/kmsg")  # it has nothing to read yet
+    assert store.find(KEY) is None
+
+
 @pytest.mark.parametrize("name", ["manifest", "a.bin"])
 @pytest.mark.timeout(30)
 def test_pipe_or_folder_in_place_of_a_file_is_damage(store, name):
