@@ -61,7 +61,7 @@ class Campaign:
         sequential: When they end before; None where each configuration has all of them.
         notes: Warnings, and keys that are not executed by this version; then what of the Nav2 parameter file is not
             modeled.
-        nav2_defaults: What the Nav2 parameter file leaves out, see `defaults_row` of `findings`.
+        nav2_defaults: What the Nav2 parameter file leaves out, see `defaults_row` of `findings`; None without a file.
         unavailable: What is missing of each family that lacks files or goals; it is not among the families.
         unexecutable: Why this version can't run the campaign; empty where it can.
         search: What proposes points, in place of families; `families` are then its template at corners of the space. None where
@@ -80,7 +80,7 @@ class Campaign:
     timeout_s: float
     oracles: tuple[OracleRequest, ...]
     notes: tuple[Fault, ...]
-    nav2_defaults: Mapping[str, Value]
+    nav2_defaults: Mapping[str, Value] | None
     unexecutable: tuple[Fault, ...]
     unavailable: Mapping[str, Sequence[Fault]]
     document: Document = field(repr=False)

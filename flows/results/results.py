@@ -158,7 +158,7 @@ def metadata_of(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, 
         },
         "notes": [str(note) for note in campaign.notes],
         "robots": robots_json(campaign.families),
-        **({DEFAULTS_KEY: campaign.nav2_defaults} if campaign.nav2_defaults else {}),
+        **({} if campaign.nav2_defaults is None else {DEFAULTS_KEY: campaign.nav2_defaults}),
     }
 
 

@@ -1,7 +1,7 @@
 """The user's Nav2 parameter file of `execution.nav2_params`: content, faults, and unmodeled parameters."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -29,7 +29,7 @@ class Nav2Params:
     system: Mapping[str, Value]
     faults: tuple[Fault, ...] = ()
     notes: tuple[Fault, ...] = ()
-    defaults: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
+    defaults: Mapping[str, Mapping[str, Value]] | None = None
 
 
 def nav2_params_of(document: Document, base: Path) -> Nav2Params:
