@@ -178,3 +178,24 @@ def test_smoother_may_have_six_numbers_since_lyrical():
     found = read(text)
     assert found.parameters.velocity_smoother.max_velocity == (0.4, 0.1, 1.5)
     assert [each.status for each in findings(found)] == ["modeled"]
+
+
+@each_row(("release", "is_on"), [("lyrical", False), ("jazzy", True)])
+def test_collision_monitor_may_be_off_since_lyrical(release, is_on):
+    scan = "observation_sources: [scan], scan: {type: scan}"
+    area = "polygons: [P], P: {type: polygon, action_type: approach}"
+    document = parse(f"collision_monitor: {{ros__parameters: {{enabled: false, {area}, {scan}}}}}")
+    document = replace(document, values={**document.values, ("nav2_release",): release})
+    assert interpretation(document).parameters.collision_monitor.enabled == is_on
+
+
+def test_signs_of_mppis_limits_are_mended_as_in_nav2():
+    found = read(server(f"{MPPI}, ax_max: -2.0, ax_min: 2.5}}")).parameters.controller
+    assert (found.ax_max, found.ax_min) == (2.0, -2.5)
+    with pytest.raises(FileError, match="ax_min: expected a number"):
+        read(server(f"{MPPI}, ax_min: fast}}"))
+
+
+def test_path_of_dwb_may_be_searched_as_a_whole():
+    dwb = "FollowPath: {plugin: 'dwb_core::DWBLocalPlanner', critics: [PathDist], forward_prune_distance: -1.0}"
+    assert read(server(dwb)).parameters.controller.forward_prune_distance == 100.0

@@ -23,7 +23,7 @@ from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocu
 from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name, short_class
 from vastflow.sim.nav2.parameter_files.plug_ins import PLANNER_PLUG_INS
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, shown, written
-from vastflow.sim.nav2.parameter_files.releases import RELEASE, RELEASES
+from vastflow.sim.nav2.parameter_files.releases import RELEASE, RELEASES, release_of
 from vastflow.sim.nav2.parameter_files.robots import NAMESPACE, namespace_text, of_robot
 from vastflow.sim.nav2.parameters.costmap import local_costmap
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
@@ -317,6 +317,9 @@ _OF_ACTION: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def _read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, CollisionMonitor]:
+    if release_of(reader.document) == "lyrical" and not reader.plain((*node, "enabled"), True):
+        reader.unused[node] = "the collision monitor is off"
+        return {"collision_monitor": CollisionMonitor(enabled=False)}
     values, scan = reader.document.values, _monitored_scan(reader, node)
     round_footprint: ParameterLocation | None = None
     zones = []

@@ -1,6 +1,8 @@
 """Parameters of the MPPI controller (nav2_mppi_controller, Jazzy)."""
 
-from typing import Final, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias
+
+from pydantic import ValidationInfo, field_validator
 
 from vastflow.sim.model.parameter import ParameterGroup, parameter
 
@@ -164,3 +166,11 @@ class MppiParameters(ParameterGroup):
     PreferForwardCritic: ThresholdParameters = ThresholdParameters()
     TwirlingCritic: TwirlingParameters = TwirlingParameters(enabled=False)
     VelocityDeadbandCritic: VelocityDeadbandParameters = VelocityDeadbandParameters(enabled=False)
+
+    @field_validator("ax_max", "ax_min", "ay_min", mode="before")
+    @classmethod
+    def _signed(cls, value: Any, info: ValidationInfo) -> Any:
+        """Mend the sign, as Nav2 does."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return value
+        return abs(value) if info.field_name == "ax_max" else -abs(value)
