@@ -12,8 +12,9 @@ from vastflow.flows.run.event_log import EventLog, logged
 from vastflow.flows.run.judged import Judged, begin, look, through
 from vastflow.flows.run.prepared import PreparedCampaign, open_run
 from vastflow.flows.run.reporting import current, reported
-from vastflow.flows.terminal.progress import notebook_display
+from vastflow.flows.terminal.progress import LoggedNotices, notebook_display
 from vastflow.tasks.engine.progress import Observer
+from vastflow.tasks.prefect.server import may_be_configured
 from vastflow.tasks.store.store import Lost
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ def run_campaign(
 
     Args:
         campaign: The campaign file, or all that is asked as a `RunRequest`.
-        observer: Is shown the progress, from one thread; by default the cell of a notebook that calls, if one does.
+        observer: Is shown the progress, from one thread; by default the cell of a notebook that calls, if one does, else notices are
+            logged as warnings of `vastflow.notices`.
         options: Fields of `RunRequest`, such as `runs=5`; `only` may be one name, `cluster` a `distributed.Client`.
 
     Raises:
@@ -45,9 +47,9 @@ def run_campaign(
         ClusterError: the Dask cluster can't compute the campaign.
         ValueError, TypeError: an option is out of its bounds, or there is none of that name.
     """
-    with open_run(request_of(campaign, options), observer or notebook_display()) as (run, computing):
+    with open_run(request_of(campaign, options), observer or notebook_display() or LoggedNotices()) as (run, computing):
         if (results := current(run, computing)) is not None:
-            return results
+            return _cached(run, results)
         with logged(run, computing) as log:
             judged = None
             with suppress(Lost):  # a damaged artifact is found when it is read; then there is something to compute
@@ -55,12 +57,21 @@ def run_campaign(
                 run.store.refresh()
                 judged = through(run, computing, look(run, computing))
                 if judged is not None and not judged.incomplete(computing.engine):
-                    return reported(run, computing, judged, log)
+                    return _cached(run, reported(run, computing, judged, log))
             return _computed(run, computing, judged, log)
 
 
 _own = list(signature(run_campaign).parameters.values())[:-1]
 setattr(run_campaign, "__signature__", signature(run_campaign).replace(parameters=[*_own, *option_parameters()]))  # noqa: B010
+
+
+def _cached(run: PreparedCampaign, results: Results) -> Results:
+    """Return results for which nothing was computed, and show that on the pages of a configured API, if there is one."""
+    if may_be_configured():
+        from vastflow.flows.flow_runs.pages import show_cached
+
+        show_cached(results, run.name, run.request.public())
+    return results
 
 
 def _computed(run: PreparedCampaign, computing: Computing, judged: Judged | None, log: EventLog) -> Results:

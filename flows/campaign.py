@@ -46,9 +46,11 @@ def _stem(request: RunRequest) -> str:
     return Path(request.campaign).stem
 
 
-@flow(name=FLOW, flow_run_name=_title, persist_result=False)
+@flow(name=FLOW, flow_run_name=_title, persist_result=True, result_serializer="json")
 def campaign(request: RunRequest) -> State[Any]:
     """Run a campaign and write its report; stored results are not computed again.
+
+    Its result is the summary as `vastflow run --json` prints it, with the campaign directory as `results`.
 
     Args:
         request: The campaign file, and what of it is run, how and where.
@@ -100,7 +102,7 @@ def _ended(
     if results.faults:
         first = results.faults[0]
         return Failed(message=f"{len(results.faults)} faults, the first in {first.stage}: {first.error}")
-    return Completed(message=outcome_text(results))
+    return Completed(message=outcome_text(results), data=results.summary.as_json())
 
 
 def _results(

@@ -1,5 +1,6 @@
 """The progress of a campaign in words, its measured speed, and its display in a notebook."""
 
+import logging
 import sys
 import time
 from collections import deque
@@ -10,6 +11,8 @@ from typing import Any, Final, Protocol
 from markupsafe import Markup
 
 from vastflow.tasks.engine.progress import Progress
+
+LOGGER: Final = logging.getLogger("vastflow.notices")
 
 WINDOW_S: Final = 60.0
 """A campaign's later configurations may be slower than its first, so only the last minute counts."""
@@ -184,6 +187,22 @@ class NotebookDisplay:
             line = plain_line(progress, self._meter.pace(progress, now_s))
             words = "\n".join([*progress.notices, line])
             self._output.update(self._html(str(_SHOWN.format(progress.runs_total or 1, progress.runs_done, words))))
+
+
+class LoggedNotices:
+    """An observer that logs notices, such as that a cluster has no workers, where nothing else shows them."""
+
+    def __init__(self) -> None:
+        self._logged = 0
+
+    def update(self, progress: Progress) -> None:
+        """Log the notices that are new."""
+        for notice in progress.notices[self._logged :]:
+            record = LOGGER.makeRecord(LOGGER.name, logging.WARNING, __file__, 0, notice, (), None)
+            LOGGER.handle(record)
+            if not logging.getLogger("vastflow").propagate:  # as in a campaign, whose records are for its log
+                logging.getLogger().handle(record)
+        self._logged = len(progress.notices)
 
 
 def notebook_display() -> NotebookDisplay | None:

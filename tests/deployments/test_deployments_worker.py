@@ -99,6 +99,12 @@ def test_deployment_has_a_schedule_a_limit_and_parameters_that_a_form_can_show(a
     assert deployment.enforce_parameter_schema
 
 
+def test_result_of_flow_run_is_summary_with_directory(first, place):
+    summary = first.state.result()
+    assert (Path(summary["results"]) / "metadata.json").is_file()
+    assert (summary["configurations"], summary["executed"]) == (2, 4)
+
+
 def test_schedule_makes_flow_runs(api, place, deployed):
     # What Prefect's own scheduler does every minute, which it can't with every release of SQLAlchemy.
     code = "import asyncio\nfrom prefect.server.services.scheduler import schedule_deployments as s\nasyncio.run(s())"
@@ -150,6 +156,7 @@ def test_worker_runs_campaign_in_one_flow_run_with_log_and_artifacts(api, place,
     assert {key: each["type"] for key, each in found.items()} == {
         "tiny-progress": "progress",
         "tiny-results": "table",
+        "tiny-why": "table",
         "tiny-report": "markdown",
     }
     assert found["tiny-progress"]["data"] == 100

@@ -1,6 +1,7 @@
 """The display of a running campaign in a terminal, in a log, and in a notebook."""
 
 import io
+import logging
 import re
 import sys
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ from rich.console import Console
 
 from vastflow.flows.terminal.display import Display, view
 from vastflow.flows.terminal.progress import (
+    LoggedNotices,
     Meter,
     NotebookDisplay,
     Pace,
@@ -35,6 +37,16 @@ def shown(report, pace):
 class Terminal(io.StringIO):
     def isatty(self):
         return True
+
+
+def test_notices_are_logged_once_for_whoever_shows_no_progress(caplog, monkeypatch):
+    observer = LoggedNotices()
+    for notices in ((), ("no worker",), ("no worker", "back")):
+        observer.update(progress(notices=notices))
+    monkeypatch.setattr(logging.getLogger("vastflow"), "propagate", False)  # as in a campaign
+    observer.update(progress(notices=("no worker", "back", "gone")))
+    said = [(each.name, each.levelname, each.getMessage()) for each in caplog.records]
+    assert said == [("vastflow.notices", "WARNING", words) for words in ("no worker", "back", "gone")]
 
 
 def test_view_shows_counts_pace_and_verdicts():
