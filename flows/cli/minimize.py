@@ -10,14 +10,14 @@ from vastflow.flows.cli.consent import Trust, executing
 from vastflow.flows.cli.run import computing
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import check_writable, writing
-from vastflow.flows.terminal.options import AsJson, OracleName, Out, ResultsFolder, asking
+from vastflow.flows.terminal.options import AsJson, ConfigurationName, OracleName, Out, ResultsFolder, asking
 from vastflow.sim.model.faults import UserError
 
 
 @asking("store", "workers")
 def minimize(
     results: ResultsFolder,
-    configuration: Annotated[str, typer.Argument(metavar="CONFIGURATION", help="Name of a configuration that fails.")],
+    configuration: ConfigurationName,
     asked: Mapping[str, Any],
     oracle: OracleName = None,
     rate: Annotated[

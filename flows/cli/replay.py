@@ -12,7 +12,7 @@ import typer
 from vastflow.flows.cli.consent import Trust, executing
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, writing
-from vastflow.flows.terminal.options import AsJson, Out, ResultsFolder
+from vastflow.flows.terminal.options import AsJson, ConfigurationName, Out, ResultsFolder
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 
@@ -51,7 +51,7 @@ class ShownTicks:
 
 def replay(
     results: ResultsFolder,
-    configuration: Annotated[str, typer.Argument(metavar="CONFIGURATION", help="Name of a configuration.")],
+    configuration: ConfigurationName,
     run: Annotated[int, typer.Argument(metavar="RUN", help="Index of a run, from 0.", min=0)],
     at: Annotated[
         list[float] | None, typer.Option(metavar="S", help="Simulated time to draw; may be repeated.")

@@ -22,6 +22,23 @@ PlaceOfResults: TypeAlias = Annotated[
         help="A campaign directory, as `vastflow run` names it: a folder, or an address such as s3://bucket/NAME.",
     ),
 ]
+
+
+def configuration_names(context: typer.Context, incomplete: str) -> list[str]:
+    """Return the names of the campaign directory before the cursor that begin so, for the Tab key."""
+    from vastflow.oracles.results.schema import table_rows
+
+    try:
+        rows = table_rows(Path(context.params["results"]) / "configurations.parquet", "name")
+    except (OSError, ValueError, LookupError, TypeError):
+        return []
+    return [row["name"] for row in rows if row["name"].startswith(incomplete)]
+
+
+ConfigurationName: TypeAlias = Annotated[
+    str,
+    typer.Argument(metavar="CONFIGURATION", help="Name of a configuration.", autocompletion=configuration_names),
+]
 Out: TypeAlias = Annotated[
     Path | None, typer.Option(metavar="FOLDER", help="Folder to write to instead of the default.")
 ]

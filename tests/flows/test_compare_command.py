@@ -9,7 +9,9 @@ import pyarrow.parquet as pq
 import pytest
 from command_line import called, refused
 from table import each_row
+from typer.testing import CliRunner
 
+from vastflow.flows.cli.__main__ import app
 from vastflow.flows.results.provenance import STAGES
 from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
 
@@ -340,3 +342,11 @@ def test_compare_writes_junit_file_with_gate_and_every_configuration(before, wor
     stated = {one.get("name"): one.get("value") for one in case.find("properties")}
     assert (stated["target"], stated["status"], stated["needed"]) == ("others", "too few paths", "183")
     assert case.find("error").get("message").startswith("gate can't be claimed: 12 situations")
+
+
+@each_row(("typed", "expected"), [("c1", ["c1", "c10", "c11"]), ("x", [])])
+def test_tab_completes_names_of_configurations(before, typed, expected):
+    words = f"vastflow replay {before} {typed}"
+    environment = {"COMP_WORDS": words, "COMP_CWORD": "3", "_VASTFLOW_COMPLETE": "complete_bash"}
+    completed = CliRunner(env=environment).invoke(app, [], prog_name="vastflow")
+    assert completed.stdout.split() == expected
