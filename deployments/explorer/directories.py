@@ -146,8 +146,8 @@ def _unfinished(path: Path) -> CampaignDirectory:
         numbers = {key: told[key] for key in _PROGRESS if isinstance(told.get(key), int)}
         numbers = numbers if len(numbers) == len(_PROGRESS) else {}
         return CampaignDirectory(_id(final), path, name, created, "running", progress=numbers)
-    told = last.values.get("reason") if last is not None and last.event in LAST else None
-    return CampaignDirectory(_id(final), path, name, created, "stopped", problem=str(told or "its process is gone"))
+    reason = last.values.get("reason") if last is not None and last.event in LAST else None
+    return CampaignDirectory(_id(final), path, name, created, "stopped", problem=str(reason or "its process is gone"))
 
 
 def _ends(file: Path) -> tuple[Event | None, Event | None, Event | None]:
