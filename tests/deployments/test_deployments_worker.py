@@ -146,7 +146,10 @@ def test_contradictory_parameters_are_refused_before_running(api, deployed):
 def test_worker_runs_campaign_in_one_flow_run_with_log_and_artifacts(api, place, first):
     assert first.state.name == "Completed", first.state.message
     assert first.name == "tiny, 2 configurations × 2 runs"
-    assert first.state.message.startswith("100 % passed; ") and "2 configurations × 2 runs: 4 passed" in first.state.message
+    assert (
+        first.state.message.startswith("100 % passed; ")
+        and "2 configurations × 2 runs: 4 passed" in first.state.message
+    )
     assert first.state.message.endswith("; 4 runs executed, 0 from the store")
     (directory,) = (place / "results").glob("tiny-*")
     report = directory / "report.html"
