@@ -265,16 +265,16 @@ class HereEvaluator:
 
 
 if TYPE_CHECKING:
-    from vastflow.oracles.figures.case_figure import PlanView
+    from vastflow.oracles.figures.case_figure import Case
 
 
-def plan_view_of(configuration: Configuration) -> "PlanView":
-    """Return the plan view of a configuration.
+def plan_view_of(configuration: Configuration) -> "Case":
+    """Return a configuration on its map, for a plan view.
 
     Raises:
         ValueError: it has no map, or a mission or an obstacle that can't be read.
     """
-    from vastflow.oracles.figures.case_figure import PlanView
+    from vastflow.oracles.figures.case_figure import Case
     from vastflow.oracles.figures.scene import zones_of
 
     map_file = configuration.scenario.environment.get(MAP_KEY)
@@ -284,8 +284,8 @@ def plan_view_of(configuration: Configuration) -> "PlanView":
     path, length_m = (configuration.provenance.get(key) for key in (PATH_KEY, PATH_LENGTH_KEY))
     title = configuration.name + (f" · path of {length_m:.2f} m" if isinstance(length_m, int | float) else "")
     path_xy_m = np.array(path if isinstance(path, list) else [], dtype=np.float64).reshape(-1, 2)
-    scenario = configuration.scenario
-    return PlanView(title, load_map(map_path), situation_of(scenario), path_xy_m, zones_of([scenario]))
+    situation, zones = situation_of(configuration.scenario), zones_of([configuration.scenario])
+    return Case(title, load_map(map_path), situation, situation.obstacles, (), zones=zones, route_xy_m=path_xy_m)
 
 
 def draw(configurations: Iterable[Configuration], folder: Path) -> list[Path]:

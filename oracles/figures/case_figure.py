@@ -49,7 +49,7 @@ class Case:
         paths: True trajectories (N, 2) by judgement, of which `chosen` is drawn strong.
         estimate_xy_m: (N, 2) an estimated path, dashed.
         world: The walls as they stand, where the robot's map has them elsewhere.
-        around_xy_m: (N, 2) places that are not drawn, and shown nevertheless.
+        route_xy_m: (N, 2) the way, which is in sight in all figures, and drawn in a plan view.
     """
 
     title: str
@@ -61,7 +61,7 @@ class Case:
     zones: Zones = NO_ZONES
     estimate_xy_m: Floats | None = None
     world: OccupancyMap | None = None
-    around_xy_m: Floats | None = field(default=None, repr=False)
+    route_xy_m: Floats | None = field(default=None, repr=False)
 
     @property
     def stops(self) -> tuple[Floats, Floats]:
@@ -71,7 +71,7 @@ class Case:
     @property
     def points(self) -> list[Floats]:
         """All places (n, 2) that a figure must show."""
-        around = [] if self.around_xy_m is None else [self.around_xy_m]
+        around = [] if self.route_xy_m is None else [self.route_xy_m]
         return [*self.stops, *(path for _, path in self.paths), *around]
 
 
@@ -167,29 +167,14 @@ def _look_at(axes: Axes, low: Floats, high: Floats, shape: tuple[float, float], 
     return float(2 * half_x)
 
 
-@dataclass(frozen=True, eq=False)
-class PlanView:
-    """Content of a plan view.
-
-    Attributes:
-        path_xy_m: (N, 2) the path that was drawn for the robot, which it need not follow; empty where there is none.
-    """
-
-    title: str
-    occupancy: OccupancyMap
-    situation: Situation
-    path_xy_m: Floats = field(repr=False)
-    zones: Zones = NO_ZONES
-
-
-def plan_view_figure(view: PlanView) -> Figure:
+def plan_view_figure(view: Case) -> Figure:
     """The map with everything of the scenario on it; an obstacle that appears has its outline and trigger dashed."""
     figure, axes = maps.map_figure(view.occupancy, legend_rows=2, top_in=_PLAN_TITLE_IN, zones=view.zones)
     top = 1 - 0.12 / figure.get_figheight()
     figure.suptitle(view.title, x=0.02, ha="left", y=top, va="top", fontsize=10, color=INK)
     handles: list[Any] = []
-    if len(view.path_xy_m) > 1:
-        axes.plot(*view.path_xy_m.T, color=PATH_COLOR, linewidth=1.8, solid_capstyle="round", alpha=0.85)
+    if view.route_xy_m is not None and len(view.route_xy_m) > 1:
+        axes.plot(*view.route_xy_m.T, color=PATH_COLOR, linewidth=1.8, solid_capstyle="round", alpha=0.85)
         handles.append(Line2D([], [], color=PATH_COLOR, linewidth=1.8, label="path"))
     standing = [obstacle for obstacle in view.situation.obstacles if obstacle.trigger is None]
     appearing = [obstacle for obstacle in view.situation.obstacles if obstacle.trigger is not None]

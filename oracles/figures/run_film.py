@@ -66,7 +66,7 @@ class FilmedRun:
     def pictures(self) -> Iterator[Image.Image]:
         """Draw the run, a picture for each of `rows`, as RGB pictures of one size."""
         true, estimate = (self._poses(prefix) for prefix in ("", "estimated_"))
-        figure = case_figure(replace(self.case, obstacles=(), around_xy_m=true[:, :2]))
+        figure = case_figure(replace(self.case, obstacles=(), route_xy_m=true[:, :2]))
         (floor,) = figure.axes
         width_in, height_in = figure.get_size_inches().tolist()
         figure.set_size_inches(width_in, height_in + _STRIP_IN)

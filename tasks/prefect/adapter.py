@@ -143,8 +143,8 @@ def unsent() -> int:
     """Return the number of events that this process has still to send to Prefect's API."""
     from prefect.events.worker import EventsWorker
 
-    workers: Any = EventsWorker  # whose class attribute has a type parameter of its instances
-    return sum(each._queue.unfinished_tasks for each in tuple(workers._instances.values()))
+    workers: Any = EventsWorker
+    return sum(int(each._queue.unfinished_tasks) for each in tuple(workers._instances.values()))
 
 
 def end_services(timeout_s: float) -> None:

@@ -127,7 +127,7 @@ def test_plan_draws_generated_floor_plan(tmp_path):
 def test_picture_has_path_stops_and_obstacle_with_its_trigger(rich_room):
     view = plan_view_of(configurations_of(rich_room)[0])
     start, goal = view.situation.start, view.situation.goals[0]
-    assert [tuple(view.path_xy_m[k]) for k in (0, -1)] == [(start.x_m, start.y_m), (goal.x_m, goal.y_m)]
+    assert [tuple(view.route_xy_m[k]) for k in (0, -1)] == [(start.x_m, start.y_m), (goal.x_m, goal.y_m)]
     assert [obstacle.trigger.distance_m for obstacle in view.situation.obstacles] == [0.8]
 
 

@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from PIL import Image
 
 from vastflow.oracles.figures import scene as scenes
-from vastflow.oracles.figures.case_figure import Case, PlanView, pair_figure, plan_view_figure
+from vastflow.oracles.figures.case_figure import Case, pair_figure, plan_view_figure
 from vastflow.oracles.figures.charts import factor_figure
 from vastflow.oracles.figures.maps import map_figure, zone_handles
 from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_extent_m, read_walks, scenes_of, zones_of
@@ -147,7 +147,7 @@ def colors_at(figure, axes, *points):
 
 
 def plan_view(occupancy, zones):
-    figure = plan_view_figure(PlanView("room", occupancy, Situation(None, (), ()), np.zeros((0, 2)), zones))
+    figure = plan_view_figure(Case("room", occupancy, Situation(None, (), ()), (), (), zones=zones))
     return figure, figure.axes[0]
 
 
