@@ -1,6 +1,5 @@
 """Varying values of each configuration, which may explain its outcome."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -8,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.results.tables import ConfigurationTable
+from vastflow.oracles.results.units import numbers_of
 from vastflow.sim.reading.world import WORLD_KEY
 
 MEASURED: Final[Mapping[str, str]] = {"_path_length": "path length (m)"}
@@ -29,7 +29,6 @@ _PLACED: Final = "_obstacles"
 """Provenance key of placed obstacles, with which properties of the path are known."""
 _DIGITS: Final = 2
 """Centimeters: less than a cell of a map."""
-_SORTED_TEXT: Final = json.JSONEncoder(sort_keys=True).encode
 _REQUESTED: Final = "_requested_"
 """Prefix of the provenance key of what the campaign file requested for a drawn value."""
 _DRAW: Final = "draw"
@@ -63,9 +62,7 @@ def matched_sets(configurations: ConfigurationTable, chosen: Sequence[int], fact
     Values drawn from the factor, such as places of obstacles, may differ; poses may not.
     """
     abstracts = configurations.table["abstract"].to_pylist()
-    keys = [_SORTED_TEXT([abstracts[k], *_all_but(configurations, k, factor)]) for k in chosen]
-    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-    return np.array([numbers[key] for key in keys], dtype=np.int64)
+    return numbers_of([abstracts[k], *_all_but(configurations, k, factor)] for k in chosen)
 
 
 def _all_but(configurations: ConfigurationTable, k: int, factor: str) -> list[Any]:

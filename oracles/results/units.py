@@ -37,9 +37,9 @@ def units_of(scenarios: Iterable[Mapping[str, Any]]) -> Units:
         scenarios: The dimensions `environment`, `task` and `system` of each configuration, as in the column `scenario`.
     """
     rows = [(row.get("environment", {}).get("map_file"), row.get("task", {})) for row in scenarios]
-    maps = _numbers([place for place, _ in rows])
+    maps = numbers_of([place for place, _ in rows])
     # The same poses driven otherwise, such as in more rounds, are one path.
-    paths = _numbers([{k: v for k, v in task.items() if isinstance(v, dict | list)} or task for _, task in rows])
+    paths = numbers_of([{k: v for k, v in task.items() if isinstance(v, dict | list)} or task for _, task in rows])
     alone = [place is None and not task for place, task in rows]
     count, of_maps = len({*paths.tolist()}), len({*maps[[place is not None for place, _ in rows]].tolist()})
     if of_maps > count:
@@ -50,7 +50,8 @@ def units_of(scenarios: Iterable[Mapping[str, Any]]) -> Units:
     return Units(codes, "path", f"paths on {f'these {of_maps} maps' if of_maps > 1 else 'this map'}")
 
 
-def _numbers(values: Iterable[Any]) -> NDArray[np.int64]:
+def numbers_of(values: Iterable[Any]) -> NDArray[np.int64]:
+    """Numbers (m,) that are equal for equal JSON values, in the order of their first."""
     keys = [_text(value) for value in values]
     numbers = {key: k for k, key in enumerate(dict.fromkeys(keys))}
     return np.array([numbers[key] for key in keys], dtype=np.int64)

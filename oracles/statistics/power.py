@@ -1,5 +1,6 @@
 """Power: the least effect on the failure rate that a campaign of a size shows in eight of ten cases."""
 
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +19,7 @@ _CAMPAIGNS: Final = 250
 _ORDERS: Final = 399
 _MANY: Final = 25
 """Situations from which sums over random orders are taken as normal."""
-_STEPS: Final = np.linspace(0.05, 1.0, 20)
+_STEPS: Final = np.linspace(0.05, 1.0, 20).tolist()
 _MOST: Final = 200
 _SIZES: Final = (*range(2, 20), *range(20, 50, 5), 50, 75, 100, _MOST)
 
@@ -60,13 +61,12 @@ def power_of(situations: int, levels: int, runs: int, tests: int = 1, error: flo
     """
 
     def least(is_shown: Callable[[Floats, int, float], float]) -> float | None:
-        found = _first(
-            len(_STEPS),
-            lambda k: (
-                is_shown(_failed(min(situations, _MOST), levels, runs, float(_STEPS[k])), runs, error / tests) >= POWER
-            ),
-        )
-        return None if found is None else round(float(_STEPS[found]), 2)
+        def is_enough(effect: float) -> bool:
+            failed = _failed(min(situations, _MOST), levels, runs, effect)
+            return is_shown(failed, runs, error / tests) >= POWER
+
+        found = bisect_left(_STEPS, True, key=is_enough)
+        return round(_STEPS[found], 2) if found < len(_STEPS) else None
 
     few = situations < needed(levels, tests, error)
     return Power(least(_share_on_these), None if few else least(_share_for_others))
@@ -77,20 +77,12 @@ def needed_for(levels: int, runs: int, tests: int = 1, error: float = 0.05) -> N
     """Number of situations needed; arguments as of `power_of`."""
     fewest = needed(levels, tests, error)
     sizes = [size for size in _SIZES if size >= fewest]
-    found = _first(
-        len(sizes),
-        lambda k: _share_for_others(_failed(sizes[k], levels, runs, USUAL), runs, error / tests) >= POWER,
-    )
-    return Needed(fewest, None if found is None else sizes[found])
 
+    def is_enough(size: int) -> bool:
+        return _share_for_others(_failed(size, levels, runs, USUAL), runs, error / tests) >= POWER
 
-def _first(count: int, is_enough: Callable[[int], bool]) -> int | None:
-    """First of `count` places that is enough, by bisection."""
-    low, high = 0, count
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (low, middle) if is_enough(middle) else (middle + 1, high)
-    return low if low < count else None
+    found = bisect_left(sizes, True, key=is_enough)
+    return Needed(fewest, sizes[found] if found < len(sizes) else None)
 
 
 def _failed(situations: int, levels: int, runs: int, effect: float) -> Floats:
