@@ -33,7 +33,6 @@ ALLOWED: Final[dict[str, tuple[int, str]]] = {
     "flows/postprocessing/plug_in.py": (1, "the request of the parent process"),
     "flows/postprocessing/postprocess.py": (1, "the answer of a child process in a temporary folder"),
     "flows/results/address.py": (2, "metadata that was just written"),
-    "flows/results/trust.py": (1, "a record that is written"),
     "flows/run/reporting.py": (1, "this process' log"),
     "flows/minimization/minimize.py": (1, "a picture that was just drawn"),
     "deployments/explorer/comparison_page.py": (1, "a picture that was just drawn"),

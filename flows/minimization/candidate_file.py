@@ -24,9 +24,10 @@ from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import FileError, complaint
-from vastflow.sim.model.files import copy_file, files_below, read_text, yaml_value
+from vastflow.sim.model.files import copy_file, files_below
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.world.map_file import image_of
 
 FAMILY: Final = "minimal"
 FILE: Final = "minimal.vast"
@@ -122,8 +123,7 @@ def candidate_files(failing: Failing) -> Iterator[CandidateFiles]:
             content = failing.subject.values[key]
             assert isinstance(content, FileContent)
             map_file = Path(content.path)
-            picture = str(yaml_value(read_text(map_file))["image"])
-            for file in (map_file, map_file.parent / picture):
+            for file in (map_file, map_file.parent / image_of(map_file)):
                 copy_file(file, folder / _MAPS[key] / file.name)
         yield CandidateFiles(failing, folder)
 

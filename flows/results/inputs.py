@@ -19,12 +19,12 @@ from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.floorplan.files import PlanFile, VariationFile
 from vastflow.sim.model.digest import FileContent, digest, file_digest
 from vastflow.sim.model.faults import FileError
-from vastflow.sim.model.files import copy_file, files_below, read_bytes, read_text, yaml_value
+from vastflow.sim.model.files import copy_file, files_below, read_bytes
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, plug_ins_in
 from vastflow.sim.plug_ins.loading import check_permitted, snapshot_behind
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot
 from vastflow.sim.scenario.language.reading import files_of
-from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.map_file import image_of, load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.tasks.engine.evaluation import content_of, files_in, producers_in
 from vastflow.tasks.store.artifact import inside
@@ -74,7 +74,7 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     for path in map_files.values():
         borrowed = campaign.borrowed_maps.get(path)
         beside = Path(path) if borrowed is None else base / borrowed
-        picture = str(yaml_value(read_text(path))["image"])
+        picture = image_of(Path(path))
         kept.keep(Path(path), Path(path).parent / picture, at=[beside, beside.parent / picture])
     others = [base / name for producer in producers for name in _plan_files(producer.parameters)]
     others += files_of(Path(campaign.abstract.path)) if isinstance(campaign.abstract, FileContent) else []

@@ -27,6 +27,7 @@ from vastflow.sim.model.files import (
     read_bytes,
     read_json,
     read_text,
+    replace_file,
     yaml_value,
 )
 from vastflow.sim.plug_ins.loading import code_from, is_limited
@@ -147,7 +148,7 @@ def permitted_contents(directory: Path, consent: str | None = None) -> frozenset
         NotPermitted: there is code that the user neither made nor permitted.
     """
     code = foreign_code(directory)
-    if code.named and not _is_own(_state() / _PERMITTED / code.digest):
+    if code.named and _recorded(_PERMITTED, code.digest) is None:
         if consent not in ("", code.digest):
             raise NotPermitted(code)
         _remember(_PERMITTED, code.digest, {"permitted": code.directory})
@@ -178,11 +179,8 @@ def remember_running(directory: Path, began: Mapping[str, Any] | None) -> None:
 
 def running_as(directory: Path) -> Mapping[str, Any] | None:
     """Return how this user began the campaign of a directory; None if another did."""
-    record = _state() / _RUNNING / _name_of(directory)
-    with suppress(OSError, ValueError):
-        found = read_json(record) if _is_own(record) else None
-        return found if isinstance(found, dict) else None
-    return None
+    found = _recorded(_RUNNING, _name_of(directory))
+    return found if isinstance(found, dict) else None
 
 
 def _name_of(directory: Path) -> str:
@@ -193,14 +191,20 @@ def _state() -> Path:
     return platformdirs.user_state_path("vastflow")
 
 
-def _is_own(record: Path) -> bool:
-    """Whether a record is a file of this user's, in a folder that nobody else can write or read."""
-    try:
-        folder, file = os.lstat(record.parent), os.lstat(record)
-    except OSError:
-        return False
-    is_private = all(each.st_uid == os.getuid() and not each.st_mode & 0o077 for each in (folder, file))
-    return is_private and stat.S_ISDIR(folder.st_mode) and stat.S_ISREG(file.st_mode)
+def _is_private(folder: Path) -> bool:
+    """Whether a folder is this user's, and nobody else can write or read what is in it."""
+    with suppress(OSError):
+        status = os.lstat(folder)
+        return stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o077
+    return False
+
+
+def _recorded(kind: str, name: str) -> Any:
+    """Return the content of a record; None without one that this user alone can have made."""
+    folder = _state() / kind
+    with suppress(Unreadable):
+        return read_json(folder / name) if _is_private(folder) else None
+    return None
 
 
 def _remember(kind: str, name: str, content: Mapping[str, Any] | None) -> None:
@@ -208,11 +212,7 @@ def _remember(kind: str, name: str, content: Mapping[str, Any] | None) -> None:
     folder = _state() / kind
     with suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not stat.S_ISDIR(os.lstat(folder).st_mode):
-            return
-        folder.chmod(0o700)
-        (folder / name).unlink(missing_ok=True)
-        if content is not None:
-            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-            with os.fdopen(os.open(folder / name, flags, 0o600), "w", encoding="ascii") as file:
-                json.dump(content, file)
+        if content is None:
+            (folder / name).unlink(missing_ok=True)
+        elif _is_private(folder):
+            replace_file(folder / name, json.dumps(content).encode())

@@ -91,6 +91,11 @@ def _check_within(path: Path, file: Path, within: Path | None) -> None:
         raise MapError(f"{path}: expected map and picture in {str(within)!r}, got {str(file)!r}")
 
 
+def image_of(path: Path) -> str:
+    """Return the name of a map's picture, relative to its YAML file; raises `MapError` for a file that is no map."""
+    return str(_header(path)["image"])
+
+
 def _header(path: Path) -> Mapping[str, Any]:
     try:
         text = read_text(path, "a map_server YAML file", MOST_HEADER_BYTES)

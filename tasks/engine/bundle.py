@@ -22,9 +22,10 @@ import platformdirs
 
 from vastflow.sim.model.digest import FileContent, digest
 from vastflow.sim.model.faults import FileError, ScenarioError
-from vastflow.sim.model.files import Unreadable, open_file, read_text, yaml_value
+from vastflow.sim.model.files import Unreadable, open_file
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot
 from vastflow.sim.scenario.language.reading import files_of
+from vastflow.sim.world.map_file import MapError, image_of
 from vastflow.tasks.store.store import WRITING_S, Lost, Store, StoreError
 
 STAGE: Final = "bundle"
@@ -99,8 +100,8 @@ class Packer:
             try:
                 with open_file(copy) as file:
                     content, mode = file.read(), os.fstat(file.fileno()).st_mode
-            except (OSError, Unreadable) as error:
-                raise ScenarioError(f"{path}: {error}; workers elsewhere need it") from None
+            except Unreadable as error:
+                raise ScenarioError(f"{path}: {error.what}; workers elsewhere need it") from None
             self._sent[path] = SentFile(str(path), self.put(content), bool(mode & 0o100))
         return self._sent[path]
 
@@ -131,21 +132,11 @@ def needed_files(path: Path) -> tuple[Path, ...]:
     """
     if path.suffix == ".osc":
         return tuple(_absolute(file) for file in files_of(path))
-    if path.suffix in (".yaml", ".yml") and (picture := _picture(path)) is not None:
-        return path, picture
+    if path.suffix in (".yaml", ".yml"):
+        with suppress(MapError):  # another YAML file
+            if not os.path.isabs(image := image_of(path)):
+                return path, _absolute(path.parent / image)
     return (path,)
-
-
-def _picture(path: Path) -> Path | None:
-    """Return the picture of a map's header; None if the file is something else."""
-    try:
-        content = yaml_value(read_text(path))
-    except Unreadable:
-        return None
-    if not isinstance(content, dict) or not {"image", "resolution", "origin"} <= content.keys():
-        return None
-    image = Path(str(content["image"]))
-    return None if image.is_absolute() else _absolute(path.parent / image)
 
 
 def _absolute(path: str | Path) -> Path:

@@ -74,7 +74,7 @@ def test_permission_is_a_private_record_of_this_content_alone(foreign, state):
     digest = foreign_code(foreign).digest
     contents = permitted_contents(foreign, digest)
     assert permitted_contents(foreign) == contents != frozenset()
-    assert [stat.S_IMODE(os.lstat(each).st_mode) for each in (state, state / digest)] == [0o700, 0o600]
+    assert stat.S_IMODE(os.lstat(state).st_mode) == 0o700 and (state / digest).is_file()
     with (foreign / "inputs" / "my_pursuit.py").open("a") as file:
         file.write("# edited\n")
     with pytest.raises(NotPermitted, match=r"my_pursuit\.py"):
@@ -93,15 +93,17 @@ def test_edit_of_executed_code_asks_again(foreign, place):
         permitted_contents(foreign)
 
 
-@pytest.mark.parametrize("spoiled", ["link", "open file", "open folder"])
-def test_record_that_others_may_have_made_is_no_proof(foreign, state, tmp_path, spoiled):
+@pytest.mark.parametrize("spoiled", ["a link", "open to others"])
+def test_folder_of_records_that_others_may_have_made_is_no_proof(foreign, state, tmp_path, spoiled):
     remember_made(foreign)
-    record = state / foreign_code(foreign).digest
-    if spoiled == "link":
-        record.rename(tmp_path / "elsewhere")
-        record.symlink_to(tmp_path / "elsewhere")
+    if spoiled == "a link":
+        state.rename(tmp_path / "elsewhere")
+        state.symlink_to(tmp_path / "elsewhere")
     else:
-        (record if spoiled == "open file" else state).chmod(0o777)
+        state.chmod(0o755)
+    with pytest.raises(NotPermitted, match="neither made nor permitted"):
+        permitted_contents(foreign)
+    remember_made(foreign)  # nor is one written there
     with pytest.raises(NotPermitted, match="neither made nor permitted"):
         permitted_contents(foreign)
 
@@ -181,7 +183,6 @@ def test_running_campaign_is_known_by_the_record_of_its_user_alone(tmp_path, sta
     trust.remember_running(directory, {"file": "/a.vast"})
     assert trust.running_as(directory) == {"file": "/a.vast"}
     (record,) = (state.parent / "running").iterdir()
-    assert stat.S_IMODE(record.stat().st_mode) == 0o600
     record.write_text(json.dumps([]))
     assert trust.running_as(directory) is None
     trust.remember_running(directory, None)

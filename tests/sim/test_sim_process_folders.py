@@ -273,5 +273,5 @@ def test_file_that_changed_or_is_gone_is_not_copied(campaign, tmp_path):
     with pytest.raises(ScenarioError, match=r"run\.py' changed since the campaign was read"):
         copy_in(files, tmp_path / "copy")
     (campaign / "run.py").unlink()
-    with pytest.raises(ScenarioError, match=r"run\.py' can't be copied: No such file"):
+    with pytest.raises(ScenarioError, match=r"run\.py' can't be copied: no such file"):
         copy_in(files, tmp_path / "copy")

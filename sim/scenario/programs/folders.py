@@ -141,7 +141,8 @@ def copy_in(files: RunFiles, folder: Path) -> None:
             copy_file(content.path, target)
             shutil.copystat(content.path, target)
         except (OSError, Unreadable) as error:
-            raise ScenarioError(f"run file {content.path!r} can't be copied: {error}") from None
+            reason = error.what if isinstance(error, Unreadable) else error.strerror
+            raise ScenarioError(f"run file {content.path!r} can't be copied: {reason}") from None
         if file_digest(target) != content.digest:
             raise ScenarioError(f"run file {content.path!r} changed since the campaign was read; run it again")
         target.chmod(target.stat().st_mode | 0o200)
