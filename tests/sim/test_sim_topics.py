@@ -83,3 +83,28 @@ def test_chain_without_a_monitor_ends_at_the_smoother():
         command_chain(parse("amcl: {ros__parameters: }"), ("collision_monitor",))
         == "controller → velocity_smoother → base"
     )
+
+
+STAMPED = "enable_stamped_cmd_vel: true"
+
+
+@each_row(
+    ("controller", "smoother", "monitor", "more", "stands"),
+    [
+        ("", "", "", "", False),
+        (STAMPED, STAMPED, STAMPED, "", False),
+        (STAMPED, "", "", "", True),
+        ("", STAMPED, "", "", True),
+        (STAMPED, STAMPED, "", "", True),
+        (STAMPED, "", "", f"/**: {{ros__parameters: {{{STAMPED}}}}}\n", False),
+        # Since Kilted it is true where it is left out.
+        (STAMPED, "", "", "amcl: {ros__parameters: {service_introspection_mode: x}}\n", False),
+    ],
+)
+def test_robot_stands_where_commands_have_two_types(controller, smoother, monitor, more, stands):
+    nodes = {"controller_server": controller, "velocity_smoother": smoother}
+    text = "\n".join(f"{name}: {{ros__parameters: {{{own}}}}}" for name, own in nodes.items())
+    found = interpretation(parse(f"{more}{text}\n{MONITOR.replace('TOPICS', f', {monitor}' if monitor else '')}"))
+    assert (found.parameters.velocity_smoother.max_velocity[0] == 0.0) == stands
+    assert ("✗" in command_chain(found.document, found.left_away)) == stands
+    assert any("another type" in what for what, _ in found.reader.warnings.values()) == stands

@@ -3,10 +3,12 @@
 from collections.abc import Collection, Mapping
 from typing import Final
 
+from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files.costmaps import topic_of
 from vastflow.sim.nav2.parameter_files.declared import declared_defaults
-from vastflow.sim.nav2.parameter_files.document import ParameterDocument
+from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, is_wild
 from vastflow.sim.nav2.parameter_files.reader import Reader
+from vastflow.sim.nav2.parameter_files.releases import release_of
 from vastflow.sim.nav2.parameters.servers import VelocitySmoother
 
 NO_SMOOTHER: Final = VelocitySmoother(
@@ -37,6 +39,10 @@ def smoother_between(reader: Reader) -> Mapping[str, VelocitySmoother]:
     node = reader.document.node("collision_monitor") or ()
     paths = [(*node, name) for name in _MONITORED]
     reader.asked |= {path: reader.document.values[path] for path in paths if path in reader.document.values}
+    if (node := _of_other_type(reader.document)) is not None:
+        words = "the commands of the node before it have another type, with a stamp or without"
+        reader.warnings[(*node, _STAMPED)] = words, "no command arrives: the robot stands"
+        return {"velocity_smoother": _STANDING}
     match monitored_topics(reader.document):
         case None | ("cmd_vel_smoothed", "cmd_vel"):
             return {}
@@ -56,12 +62,25 @@ def smoother_between(reader: Reader) -> Mapping[str, VelocitySmoother]:
             return {"velocity_smoother": _STANDING}
 
 
+def _of_other_type(document: ParameterDocument) -> ParameterLocation | None:
+    """Return the first node that expects commands of another type than the node before it sends."""
+    values, usual = document.values, release_of(document) != "jazzy"
+    usual = next((bool(values[path]) for path in values if path[-1] == _STAMPED and is_wild(path)), usual)
+    nodes = [document.node(name) or (name, PARAMETERS) for name in ("controller_server", "velocity_smoother")]
+    nodes += filter(None, [document.node("collision_monitor")])
+    stamped = [values.get((*node, _STAMPED), usual) for node in nodes]
+    return next((node for node, own in zip(nodes, stamped, strict=True) if own != stamped[0]), None)
+
+
+_STAMPED: Final = "enable_stamped_cmd_vel"
 _MONITORED: Final = ("cmd_vel_in_topic", "cmd_vel_out_topic")
 
 
 def command_chain(document: ParameterDocument, left_away: Collection[str]) -> str:
     """Draw the chain of a command from the controller to the base, by its topics."""
     smoother = "" if "velocity_smoother" in left_away else " → velocity_smoother"
+    other = (_of_other_type(document) or ("", ""))[-2]
+    smoother = f" ✗{smoother}" if other == "velocity_smoother" else smoother
     topics = monitored_topics(document)
     if topics is None:
         return f"controller{smoother} → base"
@@ -71,4 +90,4 @@ def command_chain(document: ParameterDocument, left_away: Collection[str]) -> st
     else:
         gap = "" if into == "cmd_vel_smoothed" else f" ✗ ({into})"
         through = f"{smoother} → (cmd_vel_smoothed){gap} "
-    return f"controller{through}→ collision_monitor → ({out}) → base"
+    return f"controller{through}{'✗ ' if other == 'collision_monitor' else ''}→ collision_monitor → ({out}) → base"
