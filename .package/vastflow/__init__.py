@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from vastflow.flows import execute, instantiate, judge, observe, run_campaign
+    from vastflow.flows import open_results as open  # noqa: F401
 
     __version__: str
 
@@ -15,6 +16,8 @@ def __getattr__(name: str) -> Any:
     # Every command and every worker process imports this package: what it names is imported when it is asked for.
     if name == "__version__":
         return import_module("importlib.metadata").version("vastflow")
+    if name == "open":  # not in `__all__`, as a star would hide Python's own
+        return import_module("vastflow.flows").open_results
     if name in __all__:
         return getattr(import_module("vastflow.flows"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -3,6 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -71,15 +72,15 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         directory = opened.find(name_of(request, "c"))
         if directory.state == "running":
             return RedirectResponse(address("/live", c=directory.id), 303)
-        found = opened.of(directory.id)  # or an error says why it has no page
-        classes = Counter(found.classes.values())
+        findings, classes = opened.of(directory.id).evidence  # or an error says why it has no page
+        counts = Counter(classes.values())
         return pages.page(
             request,
             "campaign.html.j2",
             campaign=directory,
             robot=robot_text(directory.metadata),
-            findings=found.findings,
-            classes=[(name, classes[name]) for name in CLASSES if classes[name]],
+            findings=findings,
+            classes=[(name, counts[name]) for name in CLASSES if counts[name]],
             has_report=_own_file(directory.path, REPORT) is not None,
             file=_campaign_file(directory.path),
         )
@@ -138,11 +139,9 @@ def _kinds(campaign: Campaign, mask: Bools) -> list[Mapping[str, Any]]:
     """Return the kinds of reasons for which oracles failed the selected runs, as the report groups them."""
     from vastflow.oracles.page.failures import failure_kinds  # with matplotlib, which takes a second
 
-    try:
-        row = campaign.failures.row.to_numpy()
-    except DAMAGE:  # the rest of the page does without
-        return []
-    return failure_kinds(campaign.failures[(row >= 0) & mask[row]])[: facets.MOST_REASONS]
+    with suppress(*DAMAGE):  # the rest of the page does without
+        return failure_kinds(campaign.failures[mask[campaign.failures.row]])[: facets.MOST_REASONS]
+    return []
 
 
 def _own_file(directory: Path, name: str) -> Path | None:

@@ -92,7 +92,7 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
         "failed": failed,
         "not_judged": not_judged,
         **rate_json(Counts(passed, failed, not_judged), table.runs),
-        "class": campaign.classes.get(table.configurations[k]),
+        "class": campaign.evidence[1].get(table.configurations[k]),
         "family": table.value("family", own.start),
         "values": [
             {"name": n, "value": table.value(n, own.start)} for n, c in table.columns.items() if c.group in _GIVEN

@@ -142,12 +142,12 @@ def _unfinished(path: Path) -> CampaignDirectory:
     if first is not None and isinstance(first.values.get("name"), str):
         name = first.values["name"]  # the folder's name lacks characters
     if is_running(path):
-        told = progress.values if progress else {}
-        numbers = {key: told[key] for key in _PROGRESS if isinstance(told.get(key), int)}
-        numbers = numbers if len(numbers) == len(_PROGRESS) else {}
-        return CampaignDirectory(_id(final), path, name, created, "running", progress=numbers)
-    reason = last.values.get("reason") if last is not None and last.event in LAST else None
-    return CampaignDirectory(_id(final), path, name, created, "stopped", problem=str(reason or "its process is gone"))
+        found = progress.values if progress else {}
+        numbers = {key: found[key] for key in _PROGRESS if isinstance(found.get(key), int)}
+        known = numbers if len(numbers) == len(_PROGRESS) else {}
+        return CampaignDirectory(_id(final), path, name, created, "running", progress=known)
+    told = last.values.get("reason") if last is not None and last.event in LAST else None
+    return CampaignDirectory(_id(final), path, name, created, "stopped", problem=str(told or "its process is gone"))
 
 
 def _ends(file: Path) -> tuple[Event | None, Event | None, Event | None]:

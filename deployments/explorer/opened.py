@@ -18,7 +18,7 @@ from vastflow.deployments.explorer.trajectories import Reading
 from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL, read_verdicts
-from vastflow.oracles.results.unusable import UnusableDirectory, reading
+from vastflow.oracles.results.unusable import DAMAGE, UnusableDirectory, reading
 from vastflow.sim.model.files import is_inside, read_json
 
 if TYPE_CHECKING:
@@ -55,44 +55,29 @@ class Campaign:
         return found
 
     @cached_property
-    def findings(self) -> list[str]:
-        """The sentences with which the report opens; none where it has not been written."""
-        found = self._evidence.get("findings")
-        return [each for each in found if isinstance(each, str)] if isinstance(found, list) else []
-
-    @cached_property
-    def classes(self) -> Mapping[str, str]:
-        """The class of each configuration by name, as in the report."""
-        classes = self._evidence.get("classes")
-        found = classes.get("configurations") if isinstance(classes, dict) else None
-        return {name: each for name, each in found.items() if isinstance(each, str)} if isinstance(found, dict) else {}
-
-    @cached_property
-    def _evidence(self) -> Mapping[str, Any]:
-        with suppress(OSError, ValueError):
-            if is_inside(file := self.directory.path / "evidence.json", self.directory.path):
-                found = read_json(file)
-                return found if isinstance(found, dict) else {}
-        return {}
+    def evidence(self) -> tuple[list[str], Mapping[str, str]]:
+        """The sentences with which the report opens, and the class of each configuration; empty where it tells none."""
+        file = self.directory.path / "evidence.json"
+        with suppress(*DAMAGE):
+            found = read_json(file) if is_inside(file, self.directory.path) else {}
+            said, classes = found.get("findings") or [], (found.get("classes") or {}).get("configurations") or {}
+            return [*map(str, said)], {name: each for name, each in classes.items() if isinstance(each, str)}
+        return [], {}
 
     @cached_property
     def failures(self) -> "pd.DataFrame":
-        """Each failed verdict as `VerdictTable.reasons` has it, and the `row` of its run in `table`.
+        """Each failed verdict as `VerdictTable.reasons` has it, and the `row` of its run in `table`; raises as `read_verdicts`."""
+        import pandas as pd  # takes a third of a second
 
-        Raises:
-            OSError, ValueError: a damaged table of verdicts.
-        """
-        names = [row["name"] for row in table_rows(self.directory.path / _CONFIGURATIONS, "name")]
-        found = read_verdicts(self.directory.path, names).reasons("fail")
-        table = self.table
-        rows = dict(
-            zip(
-                zip(table.configuration.tolist(), table.run_index.tolist(), strict=True), range(len(table)), strict=True
-            )
-        )
-        places = {name: k for k, name in enumerate(table.configurations)}
-        own = zip(found.configuration.map(places).astype(float).tolist(), found.run_index.tolist(), strict=True)
-        return found.assign(row=[rows.get(each, -1) for each in own])
+        table, names = self.table, np.array(self.table.configurations, dtype=object)
+        of_run = {
+            "configuration": names[table.configuration],
+            "run_index": table.run_index,
+            "row": np.arange(len(table)),
+        }
+        every = [row["name"] for row in table_rows(self.directory.path / _CONFIGURATIONS, "name")]
+        found = read_verdicts(self.directory.path, every).reasons("fail")
+        return found.merge(pd.DataFrame(of_run), on=["configuration", "run_index"])
 
     @cached_property
     def maps(self) -> list[dict[str, Any]]:

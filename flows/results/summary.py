@@ -1,16 +1,18 @@
 """The summary: a campaign's counts, as `--json` prints them, and where its directory is."""
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vastflow.oracles.statistics.intervals import Counts
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from vastflow.oracles.figures.style import Plot
     from vastflow.tasks.engine.engine import RunFault
 
 
@@ -103,6 +105,15 @@ class Results:
 
         return wide_table(read_tables(self.directory))
 
+    def plot(self) -> "Plot":
+        """Draw the rates of families and oracles with their intervals, as in the report."""
+        from vastflow.oracles.evidence.evidence import evidence_of
+        from vastflow.oracles.figures.charts import rates_figure
+        from vastflow.oracles.figures.style import Plot
+        from vastflow.oracles.results.tables import read_tables
+
+        return Plot(rates_figure(evidence_of(read_tables(self.directory))))
+
     def _repr_html_(self) -> str | None:
         """The headline for a notebook; None without the directory, so that the notebook shows `repr`."""
         from vastflow.oracles.page.headline import headline_html
@@ -111,3 +122,28 @@ class Results:
             return headline_html(self.directory)
         except (OSError, ValueError):
             return None
+
+
+def summary_of(counts: Mapping[str, Any], directory: Path) -> Summary:
+    """Return the summary of a campaign directory with these `counts` in its `metadata.json`."""
+    oracles = {name: Counts(**each) for name, each in counts["oracles"].items()}
+    return Summary(**{**counts, "oracles": oracles, "results": str(directory)})
+
+
+def open_results(directory: str | os.PathLike[str]) -> Results:
+    """Open the directory of a finished campaign; nothing of it is executed.
+
+    Raises:
+        UnusableDirectory: it is no campaign directory, or damaged.
+    """
+    from vastflow.flows.results.address import METADATA, check_directory
+    from vastflow.oracles.results.unusable import reading
+    from vastflow.sim.model.files import read_json
+    from vastflow.tasks.engine.engine import RunFault
+
+    path = Path(directory)
+    check_directory(path)
+    with reading(path):
+        metadata = read_json(path / METADATA)
+        faults = tuple(RunFault(**each) for each in metadata["faults"])
+        return Results(path, summary_of(metadata["counts"], path), faults, tuple(metadata["notes"]))

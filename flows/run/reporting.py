@@ -11,7 +11,7 @@ from vastflow.flows.results.current_report import KEY, newest, newest_sealed, re
 from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.results import metadata_of, write_results
 from vastflow.flows.results.rows import KeptRows, StoredResult, copies_in
-from vastflow.flows.results.summary import Results, Summary
+from vastflow.flows.results.summary import Results, summary_of
 from vastflow.flows.results.trust import remember_made
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.due import WHY
@@ -20,7 +20,6 @@ from vastflow.flows.run.judged import Judged
 from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.flows.search.tables import search_record, write_search
 from vastflow.oracles.evidence.headline import Headline
-from vastflow.oracles.statistics.intervals import Counts
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.files import read_json
@@ -142,10 +141,8 @@ def current(run: PreparedCampaign, computing: Computing) -> Results | None:
     if directory is None or run.store.find(_complete(key)) is None:
         return None
     counts = read_json(directory / "metadata.json")["counts"]
-    oracles = {name: Counts(**each) for name, each in counts["oracles"].items()}
     work = asdict(replace(run.work(), reused=counts["runs"]))
-    done = {**counts, **work, "oracles": oracles, "results": str(directory)}
-    return Results(directory, Summary(**done), (), tuple(terminal_lines(run.campaign.notes)))
+    return Results(directory, summary_of({**counts, **work}, directory), (), tuple(terminal_lines(run.campaign.notes)))
 
 
 def _complete(key: str) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from html import escape
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -18,6 +19,7 @@ from vastflow.oracles.statistics.intervals import Counts, counts_of
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.model.blocks import read_rows
+from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.engine.engine import RunFault
@@ -25,10 +27,13 @@ from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.artifact import Stored
 
 if TYPE_CHECKING:
+    from vastflow.oracles.figures.style import Plot
     from vastflow.oracles.observation.trace import Trace
     from vastflow.sim.model.recording import Recording
 
 T = TypeVar("T")
+_SHOWN: Final = 20
+"""Configurations in a notebook's table."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -68,6 +73,9 @@ class Configurations:
         lost = f"{len(self.rejections)} instances rejected, {len(self.excluded)} excluded"
         return f"<{self.opened.name}: {count_text(len(self), 'configuration')}, {lost}{faults_text(self.faults)}>"
 
+    def _repr_html_(self) -> str:
+        return _html(self, tuple(self))
+
     def __len__(self) -> int:
         return len(self._named)
 
@@ -93,6 +101,22 @@ class Configurations:
     @cached_property
     def _named(self) -> Mapping[str, Configuration]:
         return {configuration.name: configuration for configuration in self.instantiation.configurations}
+
+
+def _html(value: object, shown: Sequence[Configuration]) -> str:
+    """Return a value's `repr` and a table of the first configurations."""
+    import pandas as pd  # takes a third of a second
+
+    rows = [
+        {
+            "configuration": each.name,
+            "family": each.family,
+            **{key: value for key, value in each.factors.items() if isinstance(value, int | float | str)},
+        }
+        for each in shown[:_SHOWN]
+    ]
+    more = f"<p>and {len(shown) - _SHOWN:,} more</p>" if len(shown) > _SHOWN else ""
+    return f"<p>{escape(repr(value))}</p>{pd.DataFrame(rows).to_html(index=False, na_rep='')}{more}"
 
 
 def faults_text(faults: Sequence[RunFault]) -> str:
@@ -140,6 +164,9 @@ class StageResult:
         size = f"{count_text(len(self.blocks), 'configuration')} × {count_text(self.runs, 'run')}"
         return f"<{self.configurations.opened.name}: {size}, {self.said}{faults_text(self.faults)}>"
 
+    def _repr_html_(self) -> str:
+        return _html(self, [self.configurations[name] for name in self.blocks])
+
     def stored(self, name: str, observed: bool = False) -> StoredResult:
         """Return the stored artifacts of a distinct configuration; only observed blocks on request."""
         blocks = [each for each in self.blocks[name] if each.trace or not observed]
@@ -176,6 +203,19 @@ class Recordings(StageResult):
                 found[index] = replace(recording, behaviors=own)
         return self.wanted(found)
 
+    def plot(self, name: str) -> "Plot":
+        """Draw the path of each run of a configuration, on its map if it has one."""
+        from vastflow.oracles.figures.maps import lines_plot
+        from vastflow.producers.places.ground import MAP_KEY, occupancy_of
+
+        lines = [
+            (f"run {each.run.run_index}: {each.run.outcome}", each.columns["x_mm"] / 1000, each.columns["y_mm"] / 1000)
+            for each in self.of(name)
+            if "x_mm" in each.columns
+        ]
+        content = self.configurations[name].scenario.environment.get(MAP_KEY)
+        return lines_plot(lines, "x (m)", "y (m)", occupancy_of(content) if isinstance(content, FileContent) else None)
+
     def table(self) -> pa.Table:
         """Return a row for each recorded run, as in `runs.parquet` but without causes."""
 
@@ -204,6 +244,16 @@ class Traces(StageResult):
                 for recording, (row, columns) in zip(recordings, read_block(block), strict=True)
             }
         )
+
+    def plot(self, name: str, signal: str = "localization_error_m") -> "Plot":
+        """Draw a signal of each run of a configuration over time; raises `UserError` if no run has it."""
+        from vastflow.oracles.figures.maps import lines_plot
+
+        traces = self.of(name)
+        if signal not in (known := {column for trace in traces for column in trace.columns}):
+            raise UserError(f"expected a signal, got {signal!r}; {did_you_mean(signal, known)}")
+        lines = [(f"run {each.run.run_index}", each["t_s"], each[signal]) for each in traces if signal in each.columns]
+        return lines_plot(lines, "t_s", signal)
 
     def table(self, name: str) -> pa.Table:
         """The signals of a configuration's runs under each other, in SI units, behind a column `run_index`.

@@ -1,6 +1,6 @@
 """Maps: the floor with marks common to all figures on maps, final poses, trajectories, and failure rates of places."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import matplotlib
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import Affine2D
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from vastflow.oracles.figures import style
@@ -55,6 +55,22 @@ def map_figure(
     draw_floor(axes, occupancy, zones)
     style.axis_labels(axes, "x (m)", "y (m)", labelpad=1)
     return figure, axes
+
+
+def lines_plot(
+    lines: Iterable[tuple[str, ArrayLike, ArrayLike]], x: str, y: str, occupancy: OccupancyMap | None = None
+) -> style.Plot:
+    """Draw named lines, on a map if one is given."""
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    axes = figure.subplots()
+    axes.set(xlabel=x, ylabel=y)
+    if occupancy is not None:
+        draw_floor(axes, occupancy)
+    for name, *xy in lines:
+        axes.plot(*xy, label=name)
+    if axes.lines:
+        figure.legend(loc="outside right upper", fontsize=8)
+    return style.Plot(figure)
 
 
 def draw_floor(axes: Axes, occupancy: OccupancyMap, zones: Zones = NO_ZONES) -> None:

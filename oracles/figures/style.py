@@ -7,6 +7,7 @@ Colors are those of Okabe and Ito, told apart by people with any common color bl
 import io
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import matplotlib
@@ -66,6 +67,16 @@ def plain_style() -> Iterator[None]:
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         yield
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """A figure that a notebook shows, whatever its backend."""
+
+    figure: Figure
+
+    def _repr_png_(self) -> bytes:
+        return png(self.figure)
 
 
 def png(figure: Figure) -> bytes:

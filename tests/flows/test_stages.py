@@ -132,6 +132,16 @@ def test_observe_and_judge_give_traces_and_verdicts_of_file_oracles(traces, verd
         verdicts.counts("safety")
 
 
+def test_values_are_tables_and_plots_in_notebooks(configurations, recordings, traces, verdicts):
+    for value in (configurations, recordings, traces, verdicts):
+        html = value._repr_html_()
+        assert html.startswith(f"<p>&lt;{repr(value)[1:-1]}&gt;</p><table")
+        assert "<td>left-1-1</td>" in html and "<th>first</th>" in html
+    assert recordings.plot("left-1-1")._repr_png_().startswith(b"\x89PNG")
+    with pytest.raises(UserError, match="expected a signal, got 'sped_mps'"):
+        traces.plot("left-1-1", "sped_mps")
+
+
 def test_stages_and_campaign_take_stored_results_without_prefect(place, verdicts, no_prefect):
     again = judge(observe(execute(instantiate(place / "small.vast", store=place / "store"))))
     assert again.blocks == verdicts.blocks

@@ -16,10 +16,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from table import each_row
 
+import vastflow
 from vastflow.flows.results.summary import Results
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.findings import findings_of
 from vastflow.oracles.figures.charts import interaction_figure
+from vastflow.oracles.figures.maps import lines_plot
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.failures import cases, failure_kinds, kind_of
 from vastflow.oracles.page.film import MOST_BYTES
@@ -32,6 +34,8 @@ from vastflow.oracles.page.words import number, percent, points, span
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.effects import Claim, InteractionEffect, LevelPair
 from vastflow.oracles.statistics.intervals import Counts, Interval
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.world.map_file import load_map
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 LINE = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
@@ -422,6 +426,41 @@ def test_headline_shows_rate_causes_and_figures(synthetic_campaign, tmp_path, ro
     assert not re.search(r"<script|https?://", html)
     assert html == headline_html(directory)
     assert Results(tmp_path / "gone", None, (), ())._repr_html_() is None
+
+
+def test_finished_directory_is_opened_with_summary_and_plot(synthetic_campaign, room, build, tmp_path):
+    synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(LINE)])
+    numbers = (
+        "configurations",
+        "rejected",
+        "duplicates",
+        "runs",
+        "executed",
+        "reused",
+        "passed",
+        "failed",
+        "not_judged",
+    )
+    counts = {**dict.fromkeys((*numbers, "simulated_s", "cpu_s", "wall_s"), 1), "oracles": {"success": {"passed": 1}}}
+    fault = {"configuration": "a-1", "run_index": None, "stage": "judge", "error": "MemoryError"}
+    synthetic_campaign.metadata = {"counts": counts, "faults": [fault], "notes": ["a note"]}
+    directory = synthetic_campaign.write()
+    found = vastflow.open(str(directory))
+    assert (found.directory, found.summary.passed, found.summary.oracles["success"]) == (directory, 1, Counts(1))
+    assert (found.faults[0].error, found.notes, len(found.frame())) == ("MemoryError", ("a note",), 1)
+    assert found.plot()._repr_png_().startswith(b"\x89PNG")
+    with pytest.raises(UserError, match="no such folder"):
+        vastflow.open(tmp_path / "gone")
+    (directory / "metadata.json").write_text('{"counts": 3, "faults": [], "notes": []}')
+    with pytest.raises(UserError, match=str(directory)):
+        vastflow.open(directory)
+
+
+def test_lines_are_drawn_on_a_map_with_their_names(room):
+    figure = lines_plot([("run 0", [1, 2], [1, 1])], "x (m)", "y (m)", load_map(room)).figure
+    (axes,) = figure.axes
+    assert [line.get_label() for line in axes.lines] == ["run 0"]
+    assert axes.images and axes.get_xlim()[1] > 6.0
 
 
 COUNT = CELLS_DRAWN + 2
