@@ -207,8 +207,6 @@ def test_page_has_facts_of_campaign(page, shown):
     said = (
         # quiet-1: 5 of 5; noisy-1: 3 of 5; noisy-2: 0 of 5, too close to the box.
         "8 of 15 judged runs passed every oracle. Intervals hold at 95 %.",
-        # noisy-3 is noisy-1: its 3 of 5 count twice, 5 + 2 · 3 + 0 of 5 + 2 · 5 + 5.
-        "55 % 11 of 20",
         "2 rejected requests, 1 duplicate, 5 runs not judged overall (5 by success, 5 by performance, 5 by safety), 1 fault, 1 note",
         *(REASON, "path_length 200; path_length 201", "fault: MemoryError", "noisy-3 is noisy-1"),
         *("execution.image: not executed by this version", "quiet, noisy", "The robot: mass 9 kg."),
