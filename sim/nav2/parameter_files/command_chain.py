@@ -39,9 +39,9 @@ def smoother_between(reader: Reader) -> Mapping[str, VelocitySmoother]:
     node = reader.document.node("collision_monitor") or ()
     paths = [(*node, name) for name in _MONITORED]
     reader.asked |= {path: reader.document.values[path] for path in paths if path in reader.document.values}
-    if (node := _of_other_type(reader.document)) is not None:
+    if (other := _of_other_type(reader.document)) is not None:
         words = "the commands of the node before it have another type, with a stamp or without"
-        reader.warnings[(*node, _STAMPED)] = words, "no command arrives: the robot stands"
+        reader.warnings[(*other, _STAMPED)] = words, "no command arrives: the robot stands"
         return {"velocity_smoother": _STANDING}
     match monitored_topics(reader.document):
         case None | ("cmd_vel_smoothed", "cmd_vel"):
