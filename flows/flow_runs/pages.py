@@ -203,13 +203,11 @@ def show_cached(found: Results, name: str, request: RunRequest) -> None:
     """Add a flow run in the state `Cached` for a call that computed nothing, if an API is configured."""
     if configured_url() is None:
         return
-    summary = found.summary
-    title = f"{name}, {size_text(summary.configurations, summary.runs)}"
     message = f"{outcome_text(found)}; report: {found.directory.resolve() / 'report.html'}"
     with tolerated(), bounded(), get_client(sync_client=True) as client:
         client.create_flow_run(
             Flow(lambda request: None, name=FLOW),
-            name=title,
+            name=f"{name}, {size_text(found.summary.configurations, found.summary.runs)}",
             parameters={"request": request},
             tags=[TAG, key_of(name)],
             state=Completed(name=CACHED, message=message),

@@ -18,7 +18,7 @@ from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.stopping import stopping_of
 from vastflow.flows.results.past import Past, newest_past, past_of
 from vastflow.flows.results.provenance import Stage, ingredients_row, origin_row
-from vastflow.flows.results.reasons import Reasons, Step, due_steps, reused_steps
+from vastflow.flows.results.reasons import Reasons, Step, run_steps
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.producers.floorplan.environment import environments_in
@@ -206,8 +206,7 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
             decided, blocks = stopping.stored(index, configuration)
             whole = all(each.verdicts for each in blocks) and not missing([b.block for b in blocks], decided.runs)
             configuration, certain = decided if whole else configuration, decided.runs
-        stored = index.stored(configuration)
-        steps += [*reused_steps(configuration, stored), *due_steps(configuration, certain, stored, reasons)]
+        steps += run_steps(configuration, certain, index.stored(configuration), reasons)
     executed: Counter[str] = Counter()
     for step in steps:
         executed[step.subject] += step.amount * (step.stage == "execute" and step.reason is not None)

@@ -192,48 +192,41 @@ def all_of(reasons: Sequence[DueReason]) -> DueReason | None:
     return DueReason(reasons[0].kind, "; ".join(map(str, reasons)))
 
 
-def reused_steps(configuration: ConfigurationRuns, stored: Sequence[Stored]) -> Iterator[Step]:
-    """Yield what the store has of a configuration."""
-    recorded, observed, judged = _spans(configuration, stored)
-    amounts: list[tuple[Stage, int]] = [("execute", len(recorded)), ("observe", len(observed)), ("judge", len(judged))]
-    for stage, amount in amounts:
-        if amount:
-            yield Step(stage, configuration.family, configuration.name, amount, None)
-
-
-def due_steps(
-    configuration: ConfigurationRuns, certain: int, stored: Sequence[Stored], reasons: Reasons
+def run_steps(
+    configuration: ConfigurationRuns, certain: int, stored: Sequence[Stored], reasons: Reasons | None = None
 ) -> Iterator[Step]:
-    """Yield what the store lacks of a configuration; runs from `certain` on are executed only if it is undecided by then."""
-    absent = missing([each.block for each in stored], configuration.runs)
-    due = [run for run in absent if run < certain]
-    recorded, observed, judged = _spans(configuration, stored)
-    amounts: list[tuple[Stage, int, DueReason]] = []
-    if absent:
-        amounts += [("execute", amount, reason) for reason, amount in reasons.execute(configuration, due)]
-        open_ = DueReason("open", f"open until judged{' again' * bool(recorded)}")
-        amounts.append(("execute", len(absent) - len(due), open_))
-        amounts.append(("observe", len(absent), _FOLLOWS_EXECUTE))
-    if unobserved := len(recorded - observed):
-        amounts.append(("observe", unobserved, reasons.later("observe", configuration)))
-    follows = _FOLLOWS_EXECUTE if absent else _FOLLOWS_OBSERVE
-    amounts.append(("judge", configuration.runs - len(observed), follows))
-    if unjudged := len(observed - judged):
-        amounts.append(("judge", unjudged, reasons.later("judge", configuration)))
-    for stage, amount, why in amounts:
-        if amount:
-            yield Step(stage, configuration.family, configuration.name, amount, why)
+    """Yield the steps of a configuration, without `reasons` those alone that need none.
 
-
-def _spans(configuration: ConfigurationRuns, stored: Sequence[Stored]) -> tuple[set[int], set[int], set[int]]:
-    """Return the wanted runs that are recorded, observed, and judged."""
+    Runs from `certain` on are executed only if it is undecided by then.
+    """
     recorded, observed, judged = set[int](), set[int](), set[int]()
     for each in stored:
         span = range(each.block.start, min(each.block.stop, configuration.runs))
         recorded.update(span)
         observed.update(span if each.trace else ())
         judged.update(span if each.verdicts else ())
-    return recorded, observed, judged
+    amounts: list[tuple[Stage, int, DueReason | None]] = [
+        ("execute", len(recorded), None),
+        ("observe", len(observed), None),
+        ("judge", len(judged), None),
+    ]
+    if reasons is not None:
+        absent = missing([each.block for each in stored], configuration.runs)
+        due = [run for run in absent if run < certain]
+        if absent:
+            amounts += [("execute", amount, reason) for reason, amount in reasons.execute(configuration, due)]
+            open_ = DueReason("open", f"open until judged{' again' * bool(recorded)}")
+            amounts.append(("execute", len(absent) - len(due), open_))
+            amounts.append(("observe", len(absent), _FOLLOWS_EXECUTE))
+        if unobserved := len(recorded - observed):
+            amounts.append(("observe", unobserved, reasons.later("observe", configuration)))
+        follows = _FOLLOWS_EXECUTE if absent else _FOLLOWS_OBSERVE
+        amounts.append(("judge", configuration.runs - len(observed), follows))
+        if unjudged := len(observed - judged):
+            amounts.append(("judge", unjudged, reasons.later("judge", configuration)))
+    for stage, amount, why in amounts:
+        if amount:
+            yield Step(stage, configuration.family, configuration.name, amount, why)
 
 
 _FOLLOWS_EXECUTE: Final = DueReason("follows", "follows from execute")

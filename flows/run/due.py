@@ -1,5 +1,6 @@
 """The work of a call, and the reasons for it, by comparison with the campaign before."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -7,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from vastflow.flows.results.past import Past, newest_past
-from vastflow.flows.results.provenance import STAGES
-from vastflow.flows.results.reasons import Reasons, Step, due_steps, reused_steps, whys
+from vastflow.flows.results.provenance import STAGES, Stage
+from vastflow.flows.results.reasons import Reasons, Step, run_steps, whys
 from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.configuration import Configuration
 from vastflow.tasks.engine.index import FoundRuns
@@ -32,16 +33,19 @@ class DueWork:
     folder: Path
     today: Mapping[str, Any] = field(repr=False)
     families: Sequence[Family] = field(repr=False)
-    _reused: dict[str, list[Step]] = field(default_factory=dict, repr=False)
+    _reused: dict[str, Counter[tuple[str, Stage]]] = field(default_factory=dict, repr=False)
     _due: list[Step] = field(default_factory=list, repr=False)
 
     @cached_property
     def _past(self) -> Past | None:
         return newest_past(self.folder, self.name)
 
-    def reuse(self, found: Iterable[FoundRuns]) -> None:
-        """Count what the store has of configurations, which may have been counted before."""
-        self._reused |= {each.configuration.name: [*reused_steps(each.configuration, each.stored)] for each in found}
+    def reuse(self, found: Mapping[str, FoundRuns]) -> None:
+        """Count what the store has of the campaign or a batch, which may have been counted before."""
+        counted = self._reused[next(iter(found), "")] = Counter()
+        for each in found.values():
+            for step in run_steps(each.configuration, 0, each.stored):
+                counted[step.family, step.stage] += step.amount
 
     def evaluate(self, store: Store, requests: Iterable[EvaluationRequest]) -> None:
         """Count evaluations of producers."""
@@ -58,7 +62,8 @@ class DueWork:
         reasons = Reasons(self._past, self.today, self.families)
         reasons.configurations = {each.name: each for each in configurations}
         for each in found:
-            self._due += due_steps(each.configuration, each.configuration.runs, each.stored, reasons)
+            steps = run_steps(each.configuration, each.configuration.runs, each.stored, reasons)
+            self._due += [step for step in steps if step.reason is not None]
 
     def rows(self) -> list[dict[str, Any]]:
         """Return family, stage, reused and computed amounts, and why.
@@ -66,13 +71,14 @@ class DueWork:
         Amounts are evaluations and runs. What is computed anew is observed and judged, at most: a run that comes out as before
         keeps both.
         """
-        steps = [*(step for each in self._reused.values() for step in each), *self._due]
-        found: dict[tuple[str, str], dict[str, Any]] = {}
-        for step in sorted(steps, key=lambda step: STAGES.index(step.stage)):
-            new = {"family": step.family, "stage": step.stage, "reused": 0, "computed": 0, "why": ""}
-            row = found.setdefault((step.family, step.stage), new)
-            row["reused" if step.reason is None else "computed"] += step.amount
-        for why in whys(steps):
-            row = found[why.family, why.stage]
-            row["why"] = "; ".join(filter(None, [row["why"], str(why)]))
-        return sorted(found.values(), key=lambda row: str(row["family"]))
+        reused, due = Counter[tuple[str, Stage]](), whys(self._due)
+        for each in self._reused.values():
+            reused += each
+        for step in self._due:
+            reused[step.family, step.stage] += step.amount * (step.reason is None)
+        rows = []
+        for family, stage in sorted(reused, key=lambda of: (of[0], STAGES.index(of[1]))):
+            reasons = [why for why in due if (why.family, why.stage) == (family, stage)]
+            row = {"family": family, "stage": stage, "reused": reused[family, stage]}
+            rows.append({**row, "computed": sum(why.amount for why in reasons), "why": "; ".join(map(str, reasons))})
+        return rows

@@ -56,7 +56,7 @@ def scanned(run: PreparedCampaign, computing: Computing, instantiated: Instantia
     computing.tally.expect(wanted if run.search is None else run.search.expected(wanted), families)
     computing.tally.begin("scanning")
     found = computing.engine.scan(configurations)
-    run.due.reuse(found.values())
+    run.due.reuse(found)
     return Judged(instantiated, found)
 
 

@@ -60,7 +60,6 @@ def cluster_files(
     needs = Needs(needs.cpu or _WORKER_NEEDS.cpu, needs.memory_bytes or _WORKER_NEEDS.memory_bytes, needs.gpu)
     others = _SCHEDULER_NEEDS, _CAMPAIGN_NEEDS
     total_bytes = (needs.memory_bytes or 0) * workers + sum(each.memory_bytes or 0 for each in others)
-    nodes = {"node_labels": description.node_labels, "tolerations": description.tolerations}
 
     def container(name: str, args: Sequence[str], needs: Needs, env: Mapping[str, str], **own: Any) -> Any:
         variables = literal_variables({**env, **parts["places"]})
@@ -70,7 +69,6 @@ def cluster_files(
     def pod(container: Any, **own: Any) -> Any:
         return filled(parts["pod"], {**parts, "image": image, "container": container, **own})
 
-    secret = {"secret": description.name}
     scheduler_container = container("scheduler", scheduler, _SCHEDULER_NEEDS, {}, port=8786, is_sidecar=not operator)
     values = {
         "name": description.name,
@@ -83,12 +81,13 @@ def cluster_files(
         "total_memory": kubernetes_memory(total_bytes),
         "scheduler_pod": pod(scheduler_container),
         "worker_pod": pod(
-            container("worker", worker, needs, description.env, **secret),
+            container("worker", worker, needs, description.env, secret=description.name),
             restart_policy=None if operator else "Never",
-            **nodes,
+            node_labels=description.node_labels,
+            tolerations=description.tolerations,
         ),
         "campaign_pod": pod(
-            container("campaign", command, _CAMPAIGN_NEEDS, {}, **secret),
+            container("campaign", command, _CAMPAIGN_NEEDS, {}, secret=description.name),
             restart_policy="Never",
             sidecar=None if operator else scheduler_container,
         ),

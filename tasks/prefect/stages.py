@@ -45,10 +45,7 @@ def judge(shard: Shard, observed: Sequence[Rows], engine: Engine) -> State[Any]:
 
 
 def _ended(shard: Shard | ProducerShard, engine: Engine, stage: Callable[[], StageOutcome[Any]]) -> State[Any]:
-    """Run a stage and return the state in which its task run ends.
-
-    Its message says what the task run was about: Prefect keeps no parameters of task runs, and asks its API about each tag.
-    """
+    """Run a stage; the state that its task run ends in says what it was about: parameters are not kept, and tags cost requests."""
     try:
         outcome = stage()
     except PoolClosed as error:

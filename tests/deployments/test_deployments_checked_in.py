@@ -84,6 +84,13 @@ def test_checked_in_deployments_match_command():
         assert each == made.as_yaml()
 
 
+def test_deployments_find_campaign_from_the_folder_of_their_file():
+    for each in entries():
+        (step,) = each["pull"]
+        folder = step[deployment.STEP]["directory"].replace("{{ $PWD }}", str(FOLDER)).replace(IMAGE_FOLDER, str(ROOT))
+        assert (Path(folder) / each["parameters"]["request"]["campaign"]).is_file()
+
+
 def test_templates_of_pools_agree_with_deployments_options_and_each_other():
     for each in entries():
         kind = {"docker": "docker", "cluster": "kubernetes"}.get(each["work_pool"]["name"])
