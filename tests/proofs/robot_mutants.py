@@ -106,7 +106,7 @@ MUTANTS: Final = (
     Mutant("collision monitor: half the time ahead", "sim/nav2/navigator/collision_monitor.py", "while t_s < ahead_s",
            "while t_s < 0.5 * ahead_s", (DRIVEN, "test_sim_collision_monitor.py")),
     Mutant("loop: obstacles appear at once", "sim/loop/closed_loop.py", "round(t.delay_s / TICK_S)", "0.0",
-           (DRIVEN, "test_sim_obstacle.py", "test_sim_world.py")),
+           ("test_sim_run.py", DRIVEN)),
 )  # fmt: skip
 
 
