@@ -137,8 +137,9 @@ def around_run(directory: Path, configuration: str, run_index: int) -> Mapping[s
         names = [row["name"] for row in table_rows(directory / "configurations.parquet", "name")]
         verdicts = read_verdicts(directory, names)
         own, said = verdicts.rows_of(names.index(configuration)), verdicts.together
-    runs = dict(zip(verdicts.run_index[own].tolist(), map(JUDGEMENTS.get, said[own].tolist()), strict=True))
-    failed, here = np.flatnonzero(said == FAIL), own.start + [*runs].index(run_index)
+        runs = dict(zip(verdicts.run_index[own].tolist(), map(JUDGEMENTS.get, said[own].tolist()), strict=True))
+        here = own.start + [*runs].index(run_index)
+    failed = np.flatnonzero(said == FAIL)
     ends = {"before": failed[failed < here][-1:], "after": failed[failed > here][:1]}
     places = {
         k: [(names[verdicts.configuration[row]], int(verdicts.run_index[row])) for row in end]
