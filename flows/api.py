@@ -66,7 +66,7 @@ setattr(run_campaign, "__signature__", signature(run_campaign).replace(parameter
 
 
 def _cached(run: PreparedCampaign, results: Results) -> Results:
-    """Return results for which nothing was computed, and show that on the pages of a configured API, if there is one."""
+    """Return results for which nothing was computed, and show a configured API that."""
     if may_be_configured():
         from vastflow.flows.flow_runs.pages import show_cached
 

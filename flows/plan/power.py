@@ -22,7 +22,7 @@ MOST: Final = 5000
 
 
 def planned_power(plan: Plan) -> Iterator[dict[str, Any]]:
-    """The least effects on the failure rate that a campaign of this size shows, as `text` and numbers; none above `MOST` configurations.
+    """Least effects on the failure rate that a campaign of this size shows; none above `MOST` configurations.
 
     A row is of factors with as many levels, in families where the same things vary; its `runs` are those of a situation at a level.
     """

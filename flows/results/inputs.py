@@ -204,6 +204,6 @@ def _laid_out(directory: Path, asked: Asked, folder: Path) -> Replica:
 
 
 def copy_permitted(source: Path, target: Path) -> None:
-    """Copy a file of a campaign directory that is executed; raises as `copy_file`, and if `code_from` does not permit its content."""
+    """Copy a file that is executed; raises as `copy_file`, and if `code_from` does not permit it."""
     copy_file(source, target)
     check_permitted(source, file_digest(target))

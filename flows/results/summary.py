@@ -1,7 +1,6 @@
 """The summary: a campaign's counts, as `--json` prints them, and where its directory is."""
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -128,22 +127,3 @@ def summary_of(counts: Mapping[str, Any], directory: Path) -> Summary:
     """Return the summary of a campaign directory with these `counts` in its `metadata.json`."""
     oracles = {name: Counts(**each) for name, each in counts["oracles"].items()}
     return Summary(**{**counts, "oracles": oracles, "results": str(directory)})
-
-
-def open_results(directory: str | os.PathLike[str]) -> Results:
-    """Open the directory of a finished campaign; nothing of it is executed.
-
-    Raises:
-        UnusableDirectory: it is no campaign directory, or damaged.
-    """
-    from vastflow.flows.results.address import METADATA, check_directory
-    from vastflow.oracles.results.unusable import reading
-    from vastflow.sim.model.files import read_json
-    from vastflow.tasks.engine.engine import RunFault
-
-    path = Path(directory)
-    check_directory(path)
-    with reading(path):
-        metadata = read_json(path / METADATA)
-        faults = tuple(RunFault(**each) for each in metadata["faults"])
-        return Results(path, summary_of(metadata["counts"], path), faults, tuple(metadata["notes"]))

@@ -157,7 +157,7 @@ def permitted_contents(directory: Path, consent: str | None = None) -> frozenset
 
 @contextmanager
 def executing(directory: Path, consent: str | None = None) -> Iterator[None]:
-    """Let the body execute code of a campaign directory that the user made or permits, and no other; raises as `permitted_contents`.
+    """Let the body execute code that the user made or permits; raises as `permitted_contents`.
 
     Whatever executes a campaign directory again does so in such a body; inside another one, that one's permission counts.
     """

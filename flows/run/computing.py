@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def stopwatch(tally: Tally) -> Callable[[], Work]:
-    """Start a clock, and return a function for the work since, of this process, all below it, and the workers of a cluster."""
+    """Start a clock, and return a function for the work since, a cluster's included."""
     began_s, before_s = time.perf_counter(), process.cpu_s()
 
     def work() -> Work:

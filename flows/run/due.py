@@ -22,7 +22,7 @@ WHY: Final = "why"
 
 @dataclass
 class DueWork:
-    """What a call takes from the store, and what it computes and why.
+    """Work of a call: taken from the store, or computed and why.
 
     Attributes:
         folder: Has the directory of the campaign before, if there is one; it is read when something is due.

@@ -417,7 +417,7 @@ class FamilyReader:
 
 
 def robots_json(families: Sequence[Family]) -> list[dict[str, Any]]:
-    """Return each robot of a campaign: the names of its families, whose it is, and a line for each source of its quantities."""
+    """Return each robot of a campaign, with its families, whose it is, and sources of its quantities."""
     found: dict[tuple[str, ...], list[str]] = {}
     for family in families:
         if family.drives and (lines := tuple(_lines(family))):

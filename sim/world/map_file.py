@@ -92,7 +92,7 @@ def _check_within(path: Path, file: Path, within: Path | None) -> None:
 
 
 def image_of(path: Path) -> str:
-    """Return the name of a map's picture, relative to its YAML file; raises `MapError` for a file that is no map."""
+    """Return the name of a map's picture, relative to its YAML file; raises `MapError`."""
     return str(_header(path)["image"])
 
 

@@ -45,7 +45,10 @@ def judge(shard: Shard, observed: Sequence[Rows], engine: Engine) -> State[Any]:
 
 
 def _ended(shard: Shard | ProducerShard, engine: Engine, stage: Callable[[], StageOutcome[Any]]) -> State[Any]:
-    """Run a stage; the state that its task run ends in says what it was about: parameters are not kept, and tags cost requests."""
+    """Run a stage, whose last state says what it was about.
+
+    Prefect keeps no parameters of task runs, and each tag costs requests.
+    """
     try:
         outcome = stage()
     except PoolClosed as error:

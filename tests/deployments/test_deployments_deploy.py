@@ -182,5 +182,5 @@ def test_page_names_used_and_unused_keys():
     cells = [row.split("|")[1] for row in table.splitlines()[2:]]
     named = {key.partition(".")[0] for cell in cells for key in re.findall(r"`([\w.]+)`", cell)}
     in_sentences = {"pre_command", "post_command", "runs_per_job"}
-    of_the_simulator = {"scenario_file", "nav2_params"}
+    of_the_simulator = {"scenario_file", "nav2_params", "nav2_release"}
     assert named | in_sentences | of_the_simulator == set(ExecutionSpec.model_fields)

@@ -129,7 +129,7 @@ def test_campaign_ends_its_cluster_and_frees_its_quota(file, tmp_path):
     assert (mistake["action"], mistake["onExitCodes"]["values"]) == ("FailJob", [BAD_INPUT])
 
 
-def test_only_pods_of_a_campaign_reach_its_cluster_and_none_gets_more_than_it_needs(file, tmp_path):
+def test_cluster_is_reached_by_pods_of_its_campaign_with_what_they_need(file, tmp_path):
     written(tmp_path / "cluster", file)
     kustomization, (campaign, policy, _, workers) = resources_of(tmp_path / "cluster")
     pods = policy["spec"]["podSelector"]["matchLabels"]

@@ -129,9 +129,9 @@ def test_spellings_of_path_have_equal_keys_and_results(folder, tmp_path, monkeyp
 
 
 def test_faults_name_file_as_typed_and_report_circular_links(folder, monkeypatch):
-    (folder / "own.vast").write_text(CAMPAIGN.replace("version: 1", "version: 2"))
+    (folder / "own.vast").write_text(CAMPAIGN.replace("version: 1", "version: 9"))
     monkeypatch.chdir(folder.parent)
-    with pytest.raises(FileError, match=r"^campaign/own\.vast:1:10: version: expected 1, got 2$"):
+    with pytest.raises(FileError, match=r"^campaign/own\.vast:1:10: version: expected 1, got 9$"):
         read_campaign(Path("campaign/own.vast"))
     os.symlink("b.vast", folder / "a.vast")
     os.symlink("a.vast", folder / "b.vast")

@@ -218,7 +218,7 @@ def test_similar_valid_names_are_accepted(load: Load, second: str) -> None:
 
 def test_faults_of_a_file_are_reported_together_in_order(faults: Faults) -> None:
     found = faults(
-        "version: 3\n"
+        "version: 9\n"
         "execution: {runs: 0, runs: 2, timout: 5}\n"
         "configuration:\n"
         "- name: A\n"

@@ -16,7 +16,7 @@ def called(*arguments, **environment):
 
 
 def refused(*arguments):
-    """Return the only line of a call that ends with exit code 2, without the excerpt of a file that follows."""
+    """Return the only line of a call that ends with exit code 2, without an excerpt."""
     result = called(*arguments)
     assert (result.exit_code, result.stdout) == (2, ""), result.output
     (line,) = (each for each in result.stderr.splitlines() if not each.startswith("  "))

@@ -167,7 +167,7 @@ def test_file_that_cannot_be_sent_is_error_of_its_unit(opened, tmp_path):
     from vastflow.sim.model.digest import FileContent
 
     executor = opened()
-    with pytest.raises(ScenarioError, match="can't be read"):
+    with pytest.raises(ScenarioError, match="no such file; workers elsewhere need it"):
         execute(executor, len, [FileContent(str(tmp_path / "gone.yaml"), "d")]).result(60)
     assert execute(executor, len, "ab").result(60) == 2
 
@@ -239,7 +239,7 @@ def test_unusable_address_is_refused_at_once(opened):
 
 def test_scheduler_file_with_something_else_is_refused_at_once(opened, tmp_path):
     (tmp_path / "README.md").write_text("# no scheduler file")
-    with pytest.raises(ClusterError, match=r"README\.md' can't be used \(JSONDecodeError: "):
+    with pytest.raises(ClusterError, match=r"expected a file that a scheduler of Dask wrote, got .*README\.md"):
         execute(opened(str(tmp_path / "README.md")), len, "ab").result(60)
 
 

@@ -184,7 +184,7 @@ def test_prefect_is_not_imported_where_a_folder_would_configure_it(tmp_path, mon
         adapter.import_prefect()
 
 
-def test_other_settings_in_the_working_directory_are_no_concern(tmp_path, monkeypatch):
+def test_folder_with_settings_of_others_is_accepted(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / ".env").write_text("AWS_PROFILE=mine\n")
     (tmp_path / "pyproject.toml").write_text("[project]\nname = 'mine'\ndependencies = ['prefect_aws']\n")

@@ -24,7 +24,7 @@ def test_sigterm_interrupts_as_ctrl_c_does():
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def test_cpu_time_of_children_counts_once_while_they_live_and_when_they_have_ended():
+def test_cpu_time_of_children_counts_once_while_and_after_they_live():
     burn = "import time\nwhile time.process_time() < 0.5: pass\nprint(flush=True); input()"
     before_s = cpu_s()
     with subprocess.Popen([sys.executable, "-c", burn], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
