@@ -8,6 +8,7 @@ from unpacked import unpacked
 
 from vastflow.deployments.explorer import run_page
 from vastflow.deployments.explorer.run_page import around_run
+from vastflow.oracles.results.unusable import UnusableDirectory
 
 
 class NoPool:
@@ -50,6 +51,8 @@ def test_around_run_finds_failed_runs_in_order_of_configurations(add_campaign):
     found = [(each["before"], each["after"]) for each in around]
     assert found == [(None, second), (first, second), (second, last), (third, None)]
     assert around[2]["runs"] == {0: "fail", 1: "fail", 2: "pass", 3: "pass"}
+    with pytest.raises(UnusableDirectory, match="damaged campaign directory: 9 is not in list"):
+        around_run(directory, "a-1", 9)  # whose verdicts lack it
 
 
 def test_run_page_has_verdicts_time_line_and_signals(client, add_campaign, id_of):
