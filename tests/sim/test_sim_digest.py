@@ -1,5 +1,7 @@
 """Digests: pinned, because a digest that changes its meaning serves stale results or computes everything again."""
 
+import hashlib
+import os
 from dataclasses import replace
 
 import pytest
@@ -117,3 +119,10 @@ def test_values_are_sorted_into_dimensions_by_tag_and_key():
     assert scenario.environment == {"map_file": "m", "crates": []}
     assert scenario.task == {"goal_pose": "g"}
     assert scenario.system == {"noise": 0.1, "start_pose": "s"}
+
+
+@pytest.mark.timeout(60)
+def test_digest_of_a_file_that_never_ends_is_that_of_an_empty_one():
+    if not os.access("/proc/kmsg", os.R_OK):
+        pytest.skip("takes a user who may read /proc/kmsg")
+    assert file_digest("/proc/kmsg") == hashlib.sha256(b"").hexdigest()
