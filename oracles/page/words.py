@@ -148,7 +148,8 @@ def metric_text(effect: MetricEffect, units: Units) -> str:
 
 def reached_text(effect: MetricEffect) -> str:
     """`Compared where all reached the goal: 40 of 42 rounds.`"""
-    out = f", without {', '.join(effect.left_out)}, where fewer than half did" if effect.left_out else ""
+    why = f"where fewer than half of the runs did, or have a known {effect.metric}"
+    out = f", without {', '.join(effect.left_out)}, {why}" if effect.left_out else ""
     return f"Compared where all reached the goal: {effect.rounds:,} of {plural(effect.of, 'round')}{out}."
 
 

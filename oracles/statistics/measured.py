@@ -24,7 +24,7 @@ class MetricEffect:
     Attributes:
         name, metric, unit: Of the factor, and of the metric and its unit.
         levels, means: Compared levels, and the mean at each, where each situation counts once.
-        left_out: Levels at which fewer than half of the missions reached the goal.
+        left_out: Levels at which fewer than half of the missions reached the goal, or have a known value.
         rounds, of: Rounds compared, of all.
         sets, above: Matched sets with compared rounds, and those with more at the highest level than at the lowest.
         situations: Independent units of them.

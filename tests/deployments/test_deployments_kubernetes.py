@@ -163,14 +163,14 @@ def _script(file, folder, address, wait_s):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_worker_outlives_a_scheduler_that_comes_back_and_ends_after_the_last(file, tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = _script(file, tmp_path / "cluster", f"tcp://127.0.0.1:{port}", 10)
+    command = _script(file, tmp_path / "cluster", f"tcp://127.0.0.1:{port}", 60)
     scheduler = ["dask", "scheduler", "--host", "127.0.0.1", "--port", str(port), "--dashboard-address", "127.0.0.1:0"]
     log = tmp_path / "worker.log"
     with log.open("wb") as output:
@@ -185,7 +185,7 @@ def test_worker_outlives_a_scheduler_that_comes_back_and_ends_after_the_last(fil
                     assert workers[1].wait(60) == 143  # an evicted pod has failed, and another one takes its place
                 process.terminate()
                 process.stderr.read()
-        assert workers[0].wait(120) == 0
+        assert workers[0].wait(200) == 0
     finally:
         for each in workers:
             with suppress(ProcessLookupError):

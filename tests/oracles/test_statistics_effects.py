@@ -308,6 +308,7 @@ def test_metrics_are_compared_where_all_levels_reached_the_goal():
     runs.metrics["time"][1][~runs.reached] = 0.0
     (left,) = (each for each in metric_effects(factors, sets, path, runs) if each.name == "controller")
     assert (left.levels, left.left_out, left.rounds, left.matters) == (("dwb", "rpp"), ("mppi",), 42, False)
+    assert ", without mppi, where fewer than half of the runs did, or have a known time." in metric_text(left, PATHS)
     factors, sets, path, runs = three_controllers(np.random.default_rng(2), 0.0, lambda c, p: (c > 0) | (p < 5))
     runs.metrics["time"][1][~runs.reached] = 0.0
     (whole,) = (each for each in metric_effects(factors, sets, path, runs) if each.name == "controller")

@@ -40,6 +40,7 @@ def _content(path: Path) -> bytes:
         for name in ("executed", "reused", "simulated_s", "cpu_s", "wall_s", "results"):
             del counts[name]
         del metadata["created"]
+        metadata.pop("why", None)  # of what this call computed
         metadata.pop("report", None)  # an address in the store, which depends on how runs were cut into blocks
         return json.dumps(metadata, sort_keys=True).encode()
     content = path.read_bytes()

@@ -267,8 +267,8 @@ def test_lock_step_has_one_clock_and_the_longer_end(page: Page):
     assert "ended at 2.50 s" in page.text(".maps > *")
     assert page.color_at(3.35, 2.1, 0) == [28, 33, 38]  # where it ended
     assert page.color_at(4.95, 2.1, 1) == [28, 33, 38]
-    assert "robot 1" not in page.text(".tracks .muted")
-    assert " | " in page.text(".tracks .muted")
+    assert "robot 1" not in page.text(".tracks .row .muted")
+    assert " | " in page.text(".tracks .row .muted")
 
 
 def test_lock_step_takes_a_run_of_another_campaign(page: Page):
