@@ -165,12 +165,12 @@ def _script(file, folder, address, wait_s):
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_worker_outlives_a_scheduler_that_comes_back_and_ends_after_the_last(file, tmp_path, monkeypatch):
-    pytest.importorskip("distributed")
+    distributed = pytest.importorskip("distributed")
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = _script(file, tmp_path / "cluster", f"tcp://127.0.0.1:{port}", 60)
+    command = _script(file, tmp_path / "cluster", f"tcp://127.0.0.1:{port}", 30)
     scheduler = ["dask", "scheduler", "--host", "127.0.0.1", "--port", str(port), "--dashboard-address", "127.0.0.1:0"]
     log = tmp_path / "worker.log"
     with log.open("wb") as output:
@@ -180,6 +180,10 @@ def test_worker_outlives_a_scheduler_that_comes_back_and_ends_after_the_last(fil
             with subprocess.Popen(scheduler, stderr=subprocess.PIPE, text=True) as process:
                 for _ in range(expected):
                     next(line for line in process.stderr if "Register worker" in line)
+                # A nanny whose scheduler ends before it is registered fails, and its pod comes back.
+                with distributed.Client(f"tcp://127.0.0.1:{port}", timeout=60) as client:
+                    client.wait_for_workers(expected, timeout=60)
+                    assert len(client.run(os.getpid)) == expected
                 if expected == 2:
                     workers[1].terminate()
                     assert workers[1].wait(60) == 143  # an evicted pod has failed, and another one takes its place
