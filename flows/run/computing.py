@@ -120,7 +120,7 @@ def computing(
         executor: Executor = Pool(workers or cores(), log)
         if cluster is not None:
             executor = _cluster(cluster, opened.store, executor, tally, log)
-        engine = Engine(Index(opened.store, keys), executor, tally, oracles, stopping)
+        engine = Engine(Index(opened.store, keys), executor, tally, oracles, stopping, whole_units=not stage)
         try:
             yield Computing(opened.name, stage, engine, tally, log, created)
         finally:

@@ -70,7 +70,7 @@ class DaskCluster:
         log: File that takes what workers of `local:N` print.
     """
 
-    whole_units = True
+    elsewhere = True
 
     def __init__(
         self, address: str, store: Store, local: Executor, notice: Callable[[str], None], log: Path | None = None

@@ -97,6 +97,8 @@ class Engine:
     Args:
         oracles: Those that judge.
         stopping: None where the number of runs of a configuration is fixed.
+        whole_units: Whether a unit of runs is observed and judged where it was executed: verdicts are known unit by unit, and the later
+            stages find them in the store. Else it is executed only.
 
     Attributes:
         index: The campaign's artifacts in the store.
@@ -110,6 +112,8 @@ class Engine:
         tally: Tally,
         oracles: Sequence[Oracle[Any]],
         stopping: RunsWanted | None = None,
+        *,
+        whole_units: bool = False,
     ) -> None:
         self.index = index
         self.ended_by: StoreError | ClusterError | None = None
@@ -118,6 +122,7 @@ class Engine:
         self._tally = tally
         self._given = tuple(oracles)
         self._stopping = stopping
+        self._whole_units = whole_units
         self._lock = threading.Lock()
         self._ready: Future[Any] | None = None
         self._feeder = Feeder(lambda: executor.workers, self._execute)
@@ -266,17 +271,16 @@ class Engine:
             for unit in units:
                 answer = self._answer(unit.future)
                 told = told and isinstance(answer, Executed) and bool(answer.artifacts)
-                if isinstance(answer, Broken) and answer.died and unit.stop - unit.start > 1:
-                    # One run may have killed the workers of all: each gets a unit of its own.
-                    runs = range(unit.start, unit.stop)
-                    units += [Unit(run, run + 1, self._execute(configuration, run, run + 1)) for run in runs]
-                elif isinstance(answer, Broken):
-                    self._fault(configuration, range(unit.start, unit.stop), "execute", answer)
+                if isinstance(answer, Broken):
+                    runs = self._lost_runs(configuration, unit)
+                    if answer.died and unit.stop - unit.start > 1:
+                        # One run may have killed the workers of all: each gets a unit of its own.
+                        units += [Unit(run, run + 1, self._execute(configuration, run, run + 1)) for run in runs]
+                    else:
+                        self._fault(configuration, runs, "execute", answer)
                 elif isinstance(answer, Executed):
                     for run_index, error in answer.broken.items():
                         self._fault(configuration, [run_index], "execute", error)
-                    for stage, block, error in answer.later:
-                        self._fault(configuration, range(*block), stage, error)
             if units and not told:
                 self.index.store.changed(self.index.keys.recordings(configuration.checked))
             with self._lock:  # answers would stay in memory to the end of the campaign
@@ -285,13 +289,18 @@ class Engine:
         rows = [[[block.start, block.stop, block.content] for block in blocks] for blocks in found]
         return StageOutcome(rows, there, len(configurations))
 
+    def _lost_runs(self, configuration: ConfigurationRuns, unit: Unit) -> list[int]:
+        """Return the runs of a unit without a recording; what an oracle killed has them, and its stage names it."""
+        self.index.store.changed(self.index.keys.recordings(configuration.checked))
+        return [run for run in missing(self.index.blocks(configuration), unit.stop) if run >= unit.start]
+
     def _execute(self, configuration: ConfigurationRuns, start: int, stop: int) -> "Future[Any]":
-        """Hand a unit to the executor, one of a cluster with all stages."""
+        """Hand a unit to the executor."""
         if self._ready is not None and configuration.drives:
             self._answer(self._ready)
         keys, scenario = replace(self.index.keys, sources=None), configuration.scenario
         priority, checked = Priority.EXECUTE, configuration.checked
-        if self._executor.whole_units:
+        if self._whole_units:
             unit = self._store, keys, checked, scenario, start, stop, self._oracles
             future = self._submit(priority, work.compute, *unit)
         else:
@@ -303,7 +312,7 @@ class Engine:
     def _count(self, configuration: ConfigurationRuns, done: "Future[Any]") -> None:
         if done.cancelled() or done.exception() is not None or not isinstance(answer := done.result(), Executed):
             return
-        self._tally.execute(configuration.name, answer.simulated_s, answer.cpu_s)
+        self._tally.execute(configuration.name, answer.simulated_s, answer.cpu_s * self._executor.elsewhere)
         self._feeder.took(configuration.family, len(answer.simulated_s), answer.took_s)
         self.index.store.learn(answer.artifacts)
         self._made.update(artifact.key for artifact in answer.artifacts)

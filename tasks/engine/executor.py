@@ -39,10 +39,10 @@ class Executor(Protocol):
     """Runs units, survives the death of workers, and returns futures of `concurrent.futures`.
 
     Attributes:
-        whole_units: True if a unit should go through all stages, as its worker is far from the store and from here.
+        elsewhere: Whether units run in processes that are not below this one.
     """
 
-    whole_units: bool
+    elsewhere: bool
 
     @property
     def workers(self) -> int:

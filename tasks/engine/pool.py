@@ -102,7 +102,7 @@ class Pool:
         log: File that takes what workers print.
     """
 
-    whole_units = False
+    elsewhere = False
 
     def __init__(self, workers: int, log: Path | None = None) -> None:
         self.workers = workers

@@ -68,15 +68,13 @@ class Executed:
         broken: Run index to the cause of the others.
         took_s: Wall time.
         artifacts: Recordings, traces, and verdicts that are stored now; empty if it was only executed.
-        later: Stage, start and stop, and cause where recorded runs have no verdict.
-        cpu_s: CPU time of a unit on a worker that is no process below the campaign's.
+        cpu_s: CPU time of a unit of all stages.
     """
 
     simulated_s: Mapping[int, float]
     broken: Mapping[int, Broken]
     took_s: float = field(default=0.0, compare=False)
     artifacts: tuple[Artifact, ...] = ()
-    later: tuple[tuple[WorkStage, tuple[int, int], Broken], ...] = ()
     cpu_s: float = field(default=0.0, compare=False)
 
 
@@ -180,6 +178,8 @@ def compute(
 ) -> Executed:
     """Execute, observe, and judge runs `start` to `stop` - 1 of a scenario with the stages' arguments.
 
+    What can't be observed or judged is left to these stages, which say so.
+
     Args:
         checked: See `vastflow.sim.reading.checked.checked_digest`.
     """
@@ -187,29 +187,23 @@ def compute(
     home = keys.recordings(checked)
     executed = execute(store, home, scenario, start, stop, keys.seed)
     artifacts: list[Artifact] = []
-    later: list[tuple[WorkStage, tuple[int, int], Broken]] = []
     for block in run_blocks(sorted(executed.simulated_s), stop - start):
         if (recordings := store.find(f"{home}/{block[0]}-{block[1]}")) is None:
             continue
         artifacts.append(recordings)
         trace_key = keys.trace(checked, recordings.content)
-        stage: WorkStage = "observe"
-        error = None
         if (trace := store.find(trace_key)) is None:
-            error = answered(observe, store, recordings.key, trace_key, scenario)
+            answered(observe, store, recordings.key, trace_key, scenario)
             trace = store.find(trace_key)
         if trace is not None:
             artifacts.append(trace)
-            stage = "judge"
             verdicts_key = keys.verdicts(checked, recordings.content, trace.content)
             if (verdicts := store.find(verdicts_key)) is None:
-                error = answered(judge, store, recordings.key, trace_key, verdicts_key, scenario, oracles)
+                answered(judge, store, recordings.key, trace_key, verdicts_key, scenario, oracles)
                 verdicts = store.find(verdicts_key)
             artifacts += [verdicts] if verdicts else []
-        if isinstance(error, Broken):
-            later.append((stage, block, error))
     took_s, cpu_s = time.monotonic() - began_s, sum(os.times()[:4]) - before_s
-    return Executed(executed.simulated_s, executed.broken, took_s, tuple(artifacts), tuple(later), cpu_s)
+    return Executed(executed.simulated_s, executed.broken, took_s, tuple(artifacts), cpu_s)
 
 
 def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> None:

@@ -135,6 +135,9 @@ def test_runs_of_fixed_campaign_are_reused(first, run, monkeypatch):
     fixed = run("20", store="fixed")
     assert (fixed.summary.runs, fixed.summary.executed) == (80, 80)
     assert "sequential" not in metadata_of(fixed)
+    events = [json.loads(line) for line in (fixed.directory / "events.jsonl").read_text().splitlines()]
+    own = [each["event"] for each in events if each.get("configuration") == "kind-1"]
+    assert own[:3] == ["executed", "verdicts", "executed"], "a unit of runs is judged before the next ends"
     with monkeypatch.context() as patch:
         patch.setattr(flow_call.FlowCall, "run", lambda *_: pytest.fail("Prefect was started"))
         ended = run(store="fixed")

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -58,14 +59,23 @@ def pool():
 
 
 @pytest.fixture
-def engine(tmp_path, pool, monkeypatch):
+def engine_of(tmp_path, pool, monkeypatch):
     monkeypatch.setattr(units, "_UNITS_A_WORKER", 1)
     index = Index(open_store(tmp_path), Keys("numeric", "e", "o", "j", 0, []))
     tally = Tally()
     tally.expect({"a": 2, "b": 2})
-    made = Engine(index, pool, tally, oracles_of([]))
-    made.tally = tally
-    return made
+
+    def engine_of(**options):
+        made = Engine(index, pool, tally, oracles_of([]), **options)
+        made.tally = tally
+        return made
+
+    return engine_of
+
+
+@pytest.fixture
+def engine(engine_of):
+    return engine_of()
 
 
 def through(engine, configurations):
@@ -175,31 +185,52 @@ def test_interrupted_task_run_ends_as_cancelled():
     assert (state.name, state.message) == ("Cancelled", "the campaign was ended before this was computed")
 
 
-def test_whole_unit_leaves_nothing_to_the_other_stages(engine, pool):
-    def compute(store, keys, checked, scenario, start, stop, oracles):
-        home = keys.recordings(checked)
-        facts = {"runs": [[run, 10.0] for run in range(start, stop)]}
-        made = [store.put(f"{home}/{start}-{stop}", {"recordings.parquet": b"recordings"}, facts)]
-        made.append(store.put(keys.trace(checked, made[0].content), {"traces.parquet": b"trace"}))
-        key, info = (
-            keys.verdicts(checked, made[0].content, made[1].content),
-            {"runs": [[0, "pass"], [1, "fail"]], "causes": []},
-        )
-        made.append(store.put(key, {"verdicts.json": b"[]"}, info))
-        return Executed({run: 10.0 for run in range(start, stop)}, {}, 1.0, tuple(made), cpu_s=2.5)
+def recorded(store, keys, checked, scenario, start, stop, oracles):
+    """Execute a whole unit, and no more."""
+    facts = {"runs": [[run, 10.0] for run in range(start, stop)]}
+    home = keys.recordings(checked)
+    made = store.put(f"{home}/{start}-{stop}", {"recordings.parquet": b"recordings"}, facts)
+    return Executed({run: 10.0 for run in range(start, stop)}, {}, 1.0, (made,), cpu_s=2.5)
 
-    pool.whole_units = True
-    pool.answers["compute", "a"] = compute
-    outcomes = through(engine, [configuration("a")])
+
+def judged(store, keys, checked, *arguments):
+    """Execute, observe, and judge a whole unit."""
+    executed = recorded(store, keys, checked, *arguments)
+    (recording,) = executed.artifacts
+    trace = store.put(keys.trace(checked, recording.content), {"traces.parquet": b"trace"})
+    info = {"runs": [[0, "pass"], [1, "fail"]], "causes": []}
+    verdicts = store.put(keys.verdicts(checked, recording.content, trace.content), {"verdicts.json": b"[]"}, info)
+    return replace(executed, artifacts=(recording, trace, verdicts))
+
+
+@pytest.mark.parametrize(("elsewhere", "cpu_s"), [(True, 2.5), (False, 0.0)])
+def test_whole_unit_is_judged_before_the_other_stages_begin(engine_of, pool, elsewhere, cpu_s):
+    pool.elsewhere, pool.answers["compute", "a"], engine = elsewhere, judged, engine_of(whole_units=True)
+    executed = engine.execute([configuration("a")])
+    assert (engine.tally.progress().passed, engine.tally.progress().failed) == (1, 1)
+    observed = engine.observe([configuration("a")], executed.made)
+    outcomes = executed, observed, engine.judge([configuration("a")], observed.made)
     assert pool.done == [("compute", "a")]
     assert there(outcomes) == [(0, 1), (0, 1), (0, 1)], "it was made now"
-    assert engine.tally.elsewhere_cpu_s == 2.5
+    assert engine.tally.elsewhere_cpu_s == cpu_s
     assert (engine.tally.progress().passed, engine.tally.progress().failed) == (1, 1)
 
 
-def test_whole_unit_names_stage_that_broke(engine, pool):
-    pool.whole_units = True
-    later = (("judge", (0, 2), Broken("ValueError: x")),)
-    pool.answers["compute", "a"] = Executed({0: 1.0, 1: 1.0}, {}, 1.0, (), later)
-    engine.execute([configuration("a")])
+def test_stage_that_broke_in_a_whole_unit_is_named_once(engine_of, pool):
+    pool.answers.update({("compute", "a"): recorded, ("judge", "a"): Broken("ValueError: x")})
+    engine = engine_of(whole_units=True)
+    through(engine, [configuration("a")])
+    assert pool.done == [("compute", "a"), ("observe", "a"), ("judge", "a")]
     assert engine.faults == tuple(RunFault("a", run, "judge", "ValueError: x") for run in (0, 1))
+
+
+def test_runs_whose_oracle_killed_the_worker_are_not_executed_again(engine_of, pool):
+    def compute(*arguments):
+        recorded(*arguments)
+        return WorkerDied("died")
+
+    pool.answers.update({("compute", "a"): compute, ("judge", "a"): WorkerDied("died")})
+    engine = engine_of(whole_units=True)
+    through(engine, [configuration("a")])
+    assert pool.done == [("compute", "a"), ("observe", "a"), ("judge", "a")]
+    assert engine.faults == tuple(RunFault("a", run, "judge", "died") for run in (0, 1))
