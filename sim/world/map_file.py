@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from yaml.nodes import MappingNode
 
 from vastflow.sim.model.digest import FileContent
@@ -33,7 +34,7 @@ LARGEST_CELL_M: Final = 100.0
 FARTHEST_M: Final = 1e7
 """Greatest distance of the origin: beyond, rounding loses a millimeter."""
 
-_PGM_HEADER_BYTES: Final = 4096
+_PNM_HEADER_BYTES: Final = 4096
 
 MODES: Final = ("trinary", "scale", "raw")
 
@@ -181,30 +182,51 @@ def _picture(path: Path, image: str) -> tuple[NDArray[np.uint8], NDArray[np.bool
         raise MissingMap(f"{path}: image: no file {str(file)!r}; the picture lies relative to the YAML file") from None
     except Unreadable as error:
         raise MapError(f"{path}: image: {str(file)!r}: {error}") from None
-    if "A" in picture.getbands() or "transparency" in picture.info:
-        bands = np.asarray(picture.convert("RGBA"))
-        return _luma(bands), bands[..., 3] == 255
-    if picture.mode.startswith("I"):  # 16 bits a pixel
-        return (np.asarray(picture).astype(np.int64) // 257).astype(np.uint8), None
-    if picture.mode in ("1", "L"):
-        return _pgm_shades(np.asarray(picture.convert("L")), content), None
-    return _luma(np.asarray(picture.convert("RGB"))), _bmp_opaque(content, picture.size)
+    shades = _sixteen_bits(picture, content)
+    gray = shades if shades.ndim == 2 else (shades @ _LUMA + 500) // 1000
+    return (gray // 257).astype(np.uint8), _opaque(picture, content)
 
 
-def _pgm_shades(gray: NDArray[np.uint8], content: bytes) -> NDArray[np.uint8]:
-    """Return gray values (H, W) as GraphicsMagick 1.3.40 has those of a PGM whose white is less than 255.
+_LUMA: Final = np.array([299, 587, 114])
+"""Gray of red, green, and blue by Rec. 601, in thousandths."""
 
-    It scales to 16 bits by a whole factor, and those of a binary file by 255 / white once more.
+
+def _sixteen_bits(picture: Image.Image, content: bytes) -> NDArray[np.int64]:
+    """Return gray values (H, W) or colors (H, W, 3) in 16 bits, as GraphicsMagick 1.3.40 has them.
+
+    It scales a PNM by a whole factor, and a binary one by `top / white` once more; one of fewer pixels than shades it scales exactly.
     """
-    words = re.sub(rb"#[^\n]*", b"", content[:_PGM_HEADER_BYTES]).split(None, 4)
-    kind, white = words[0], words[min(3, len(words) - 1)]
-    if kind not in (b"P2", b"P5") or not 1 < int(white) < 255:
-        return gray
-    levels = np.rint(gray / 255 * int(white)).astype(np.int64)
-    shades = levels * (65535 // int(white))
-    if kind == b"P5":
-        shades = np.minimum((2 * shades * 255 + int(white)) // (2 * int(white)), 65535)
-    return np.asarray(shades // 257, dtype=np.uint8)
+    if picture.mode.startswith("I"):
+        found, top = np.asarray(picture).astype(np.int64), 65535
+    else:
+        is_gray, top = picture.mode in ("1", "L"), 255
+        found = np.asarray(picture.convert("L" if is_gray else "RGBA")).astype(np.int64)
+        found = found if is_gray else found[..., :3]
+    words = re.sub(rb"#[^\n]*", b"", content[:_PNM_HEADER_BYTES]).split(None, 4)
+    if words[0] not in (b"P2", b"P3", b"P5", b"P6"):
+        return found * (65535 // top)
+    white = int(words[3])
+    levels = np.rint(found / top * white)
+    factor: float = 65535 / white if found.shape[0] * found.shape[1] < white else 65535 // white
+    shades = np.floor(levels * factor + 0.5)
+    if factor == 65535 // white and words[0] in (b"P5", b"P6"):
+        shades = np.minimum(np.floor(shades * ((255 if white < 256 else 65535) / white) + 0.5), 65535)
+    return shades.astype(np.int64)
+
+
+def _opaque(picture: Image.Image, content: bytes) -> NDArray[np.bool_] | None:
+    """Return the opaque pixels (H, W) as GraphicsMagick 1.3.40 has them; None where all are."""
+    key: Any = picture.info.get("transparency")
+    if key is None and "A" not in picture.getbands():
+        return _bmp_opaque(content, picture.size)
+    depth = content[24]  # of a PNG
+    if picture.mode == "L":
+        return np.asarray(np.asarray(picture) != key * 255 // (2**depth - 1))
+    if picture.mode.startswith("I"):
+        return np.asarray(np.asarray(picture) != key)
+    if picture.mode == "RGB" and depth == 8 and any(key):
+        return None  # it compares the key with 16 bits of a pixel
+    return np.asarray(np.asarray(picture.convert("RGBA"))[..., 3] == 255)
 
 
 def _bmp_opaque(content: bytes, size: tuple[int, int]) -> NDArray[np.bool_] | None:
@@ -215,13 +237,6 @@ def _bmp_opaque(content: bytes, size: tuple[int, int]) -> NDArray[np.bool_] | No
     width = size[0]
     alpha = np.frombuffer(content, np.uint8, 4 * width * abs(height), start).reshape(abs(height), width, 4)[..., 3]
     return np.asarray(alpha[:: -1 if height > 0 else 1] == 255)
-
-
-def _luma(bands: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return gray values (H, W) by Rec. 601, computed in 16 bits and cut to 8, as in GraphicsMagick."""
-    red, green, blue = (bands[..., k].astype(np.int32) for k in range(3))
-    sixteen_bits = (257 * (299 * red + 587 * green + 114 * blue) + 500) // 1000
-    return np.asarray(sixteen_bits // 257, dtype=np.uint8)
 
 
 def _occupancy(

@@ -3,6 +3,7 @@
 import io
 import math
 import struct
+import zlib
 from fractions import Fraction
 from pathlib import Path
 
@@ -109,6 +110,25 @@ def bmp_32(alphas, height=1, masks=b""):
     return b"BM" + struct.pack("<IHHI", 54 + len(masks + pixels), 0, 0, 54 + len(masks)) + head + masks + pixels
 
 
+def png(depth, kind, row, key):
+    """A row of pixels, of which those of the key's color are transparent."""
+
+    def chunk(name, content):
+        return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+    head = struct.pack(">IIBBBBB", len(row) * 8 // depth // (3 if kind == 2 else 1), 1, depth, kind, 0, 0, 0)
+    chunks = ((b"IHDR", head), (b"tRNS", struct.pack(f">{len(key)}H", *key)), (b"IDAT", zlib.compress(b"\0" + row)))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*each) for each in (*chunks, (b"IEND", b"")))
+
+
+def dark_pgm(kind, white, *levels):
+    """A picture of a row of levels, and of a second one as long as it has shades."""
+    row = [*levels, *[white] * (white - len(levels))]
+    size = f"{kind}\n{white} 2\n{white}\n".encode()
+    text = " ".join(map(str, [*row, *row, "\n"])).encode()
+    return size + (text if kind == "P2" else np.array(row * 2, ">u2" if white > 255 else "u1").tobytes())
+
+
 MASKS = struct.pack("<III", 0xFF0000, 0xFF00, 0xFF)
 GRAYS = [[0, 205, 254]]
 OPAQUE = [[[0, 0, 0, 255], [0, 0, 0, 254], [255, 255, 255, 255], [255, 255, 255, 0]]]
@@ -130,9 +150,20 @@ PGM_16 = b"P5\n3 1\n65535\n" + (np.array(GRAYS) * 257).astype(">u2").tobytes()
         (b"P5 # a comment\n2 # wide\n2 # high\n255\n\xfe\0\xcd\xfe", {}, [[-1, 0], [0, 100]]),
         (b"P5 2 2 255 \xfe\0\xcd\xfe", {}, [[-1, 0], [0, 100]]),
         (b"P2\n# text\n2 1\n255\n0 254\n", {}, [[100, 0]]),
-        # White is 100: 80 is cut to 203 of 255, and shades of a binary file are brightened twice.
-        (b"P2\n3 1\n100\n30 80 81\n", {"free_thresh": 0.202}, [[100, -1, 0]]),
-        (b"P5\n3 1\n100\n\x32\x1d\x0d", {}, [[0, -1, 100]]),
+        # White is 100: 80 is cut to 203 of 255, and shades of a binary file are brightened twice if there are as many pixels.
+        (dark_pgm("P2", 100, 30, 80, 81), {"free_thresh": 0.202}, [[100, -1, 0, *[0] * 97]] * 2),
+        (b"P5\n3 1\n100\n\x32\x1d\x51", {}, [[-1, 100, 0]]),
+        (dark_pgm("P5", 100, 50, 29, 13), {}, [[0, -1, 100, *[0] * 97]] * 2),
+        (dark_pgm("P5", 100, 2, 3), {"mode": "raw"}, [[12, 19, *[-1] * 98]] * 2),
+        (dark_pgm("P5", 15, 1, 2, 4), {"mode": "raw"}, [[*[-1] * 15]] * 2),
+        (dark_pgm("P5", 1000, 1, 5, 7), {}, [[100, 100, -1, *[0] * 997]] * 2),
+        (dark_pgm("P2", 1000, 1, 5, 500), {}, [[100, 100, -1, *[0] * 997]] * 2),
+        (png(2, 0, b"\x1b", [3]), {}, [[100, 100, -1, -1]]),
+        (png(4, 0, b"\x0f\xf0", [15]), {}, [[100, -1, -1, 100]]),
+        (png(8, 0, b"\0\xcd\xfe", [0]), {}, [[-1, -1, 0]]),
+        (png(16, 0, b"\0\0\x20\0\xff\xff", [0x2000]), {}, [[100, -1, 0]]),
+        (png(8, 2, b"\0\0\0\xff\xff\xff", [255, 255, 255]), {}, [[100, 0]]),  # a key but black is nobody's
+        (png(8, 2, b"\0\0\0\xff\xff\xff", [0, 0, 0]), {}, [[-1, 0]]),
         (bmp_32([255, 254, 0, 255]), {}, [[0], [-1], [-1], [0]]),
         (bmp_32([255, 0, 0]), {}, [[0], [-1], [-1]]),
         (bmp_32([255, 0, 0], height=-1), {}, [[-1], [-1], [0]]),
