@@ -29,13 +29,12 @@ class ParameterGroup(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _from_yaml(cls, value: Any, info: ValidationInfo) -> Any:
+        known = cls.model_fields[str(info.field_name)]
         if isinstance(value, int | float) and not isinstance(value, bool):
-            value = source_of(cls.model_fields[str(info.field_name)]).stands_for.get(value, value)
-        if (
-            isinstance(value, float)
-            and value.is_integer()
-            and cls.model_fields[str(info.field_name)].annotation in _WHOLE
-        ):
+            source = source_of(known)
+            value = source.stands_for.get(value, value)
+            value = source.below if source.below is not None and value < range_of(known)[0] else value
+        if isinstance(value, float) and value.is_integer() and known.annotation in _WHOLE:
             return int(value)
         return tuple(value) if isinstance(value, list) else value
 
@@ -54,12 +53,14 @@ class Source:
     Attributes:
         needs: Another field, the value without which this one has no effect, and why.
         stands_for: Values outside of the range, such as -1 for no limit, to those that mean the same.
+        below: Value that all numbers below the range mean, as where Nav2 has a default for them.
         name: Parameter with the `texts` that stand for the field's values.
         is_derived: True if the field follows from lists and classes, not from a parameter.
     """
 
     needs: Needs = None
     stands_for: Mapping[float, float] = field(default_factory=dict)
+    below: float | None = None
     name: str = ""
     texts: Mapping[str, Any] | None = None
     is_derived: bool = False
@@ -76,9 +77,10 @@ def parameter(
     *,
     needs: Needs = None,
     stands_for: Mapping[float, float] | None = None,
+    below: float | None = None,
 ) -> Any:
-    """Return a field of a `ParameterGroup` with an inclusive range; for `needs` and `stands_for` see `Source`."""
-    return _field_from(Source(needs, stands_for or {}), default, low, high)
+    """Return a field of a `ParameterGroup` with an inclusive range; for the other arguments see `Source`."""
+    return _field_from(Source(needs, stands_for or {}, below), default, low, high)
 
 
 def choice(default: Any, name: str, texts: Mapping[str, Any]) -> Any:

@@ -61,6 +61,13 @@ def test_spin_turns_a_quarter_and_the_backup_drives_thirty_centimeters(hopeless)
     assert si(hopeless.columns["command_speed_mmps"])[back].min() == -0.15
 
 
+def test_robot_without_published_costmap_ends_its_moves_as_collisions(scenario, walled_off):
+    blind = run(scenario(map_file=walled_off, **{"local_costmap.publish_frequency": 0.0}), 0)
+    assert abs(si(blind.columns["yaw_rate_mradps"])).sum() * 0.1 < 0.4
+    assert si(blind.columns["speed_mmps"]).sum() * 0.1 > -0.1
+    assert (blind.run.outcome, blind.run.error_code) == ("aborted", 208)
+
+
 def test_robot_without_free_move_fails_after_patience_and_clears_local_costmap_first(scenario):
     caged = run(scenario(obstacles=CAGE, controller="rpp"), 0)
     assert (caged.run.outcome, caged.run.error_code) == ("aborted", 104)

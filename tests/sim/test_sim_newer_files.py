@@ -1,6 +1,7 @@
 """Valid Nav2 parameter files of other releases and forms: launch words, filters among the layers, special values."""
 
 from dataclasses import replace
+from operator import attrgetter
 
 import pytest
 from table import each_row
@@ -15,6 +16,7 @@ from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameter_files.refusals import refusals
 from vastflow.sim.nav2.parameter_files.releases import release_of
+from vastflow.sim.nav2.parameters.costmap import NEVER_HZ
 
 INFLATION = "inflation_layer: {plugin: 'nav2_costmap_2d::InflationLayer'}"
 GOAL = "general_goal_checker: {plugin: 'nav2_controller::SimpleGoalChecker'"
@@ -71,6 +73,12 @@ def test_keepout_filter_before_the_inflation_is_refused():
         ("general_goal_checker: {xy_goal_tolerance: 0.0}", "goal_checker", "xy_goal_tolerance", 0.0),
         ("general_goal_checker: {yaw_goal_tolerance: 10.0}", "goal_checker", "yaw_goal_tolerance", 10.0),
         ("progress_checker: {movement_time_allowance: 0.0}", "progress_checker", "movement_time_allowance", 0.0),
+        ("failure_tolerance: -2.0", "controller_server", "failure_tolerance", 0.0),  # any but -1 is no patience
+        ("min_x_velocity_threshold: -1.0", "controller_server", "min_x_velocity_threshold", 0.0),
+        ("costmap_update_timeout: -1.0", "controller_server", "costmap_update_timeout", -1.0),
+        ("general_goal_checker: {yaw_goal_tolerance: -1.0}", "goal_checker", "yaw_goal_tolerance", -1.0),
+        ("progress_checker: {required_movement_radius: -1.0}", "progress_checker", "required_movement_radius", -1.0),
+        ("progress_checker: {movement_time_allowance: -1.0}", "progress_checker", "movement_time_allowance", -1.0),
     ],
 )
 def test_special_values_are_read(text, group, name, value):
@@ -81,11 +89,6 @@ def test_special_values_are_read(text, group, name, value):
     lists = f"{lists}, " if "general" in text else ""
     found = read(f"controller_server: {{ros__parameters: {{{lists}{text}}}}}").parameters
     assert getattr(getattr(found, group), name) == value
-
-
-def test_tolerances_below_zero_stay_refused_otherwise():
-    with pytest.raises(FileError, match=r"failure_tolerance: expected a number in \[0, 1e\+06\], got -2.0"):
-        read("controller_server: {ros__parameters: {failure_tolerance: -2.0}}")
 
 
 def test_launch_word_does_not_end_a_node():
@@ -99,6 +102,63 @@ MPPI = "FollowPath: {plugin: 'nav2_mppi_controller::MPPIController', critics: [G
 
 def server(text):
     return f"controller_server: {{ros__parameters: {{controller_plugins: [FollowPath], {text}}}}}"
+
+
+DWB = "FollowPath: {plugin: 'dwb_core::DWBLocalPlanner', critics: [PathDist]"
+ALIGN = f"{MPPI.replace('GoalCritic', 'PathAlignCritic')}, PathAlignCritic:"
+SMAC = (
+    "planner_server: {ros__parameters: {GridBased: {plugin: 'nav2_smac_planner::SmacPlanner2D', max_iterations: -5}}}"
+)
+DENOISE = "plugins: [d], d: {plugin: 'nav2_costmap_2d::DenoiseLayer'"
+
+
+@each_row(
+    ("text", "path", "value"),
+    [
+        (costmap("publish_frequency: 0.0").replace("global", "local"), "local_costmap.publish_frequency", NEVER_HZ),
+        (costmap("publish_frequency: -1.0").replace("global", "local"), "local_costmap.publish_frequency", NEVER_HZ),
+        (costmap(f"{DENOISE}, minimal_group_size: -1}}"), "global_costmap.denoise_layer.minimal_group_size", 0),
+        (
+            costmap(f"{DENOISE}, group_connectivity_type: 6}}"),
+            "global_costmap.denoise_layer.group_connectivity_type",
+            8,
+        ),
+        (
+            costmap(f"filters: [k], k: {{{KEEPOUT}, lethal_override_cost: -1}}"),
+            "global_costmap.keepout_filter.lethal_override_cost",
+            252,
+        ),
+        (
+            costmap("robot_radius: 0.0, footprint: '[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]'"),
+            "global_costmap.robot_radius",
+            0.22,
+        ),
+        ("amcl: {ros__parameters: {min_particles: 3000}}", "amcl.max_particles", 3000),
+        ("amcl: {ros__parameters: {resample_interval: 0}}", "amcl.resample_interval", 1),
+        ("amcl: {ros__parameters: {update_min_d: -1.0}}", "amcl.update_min_d", -1.0),
+        ("amcl: {ros__parameters: {laser_likelihood_max_dist: -1.0}}", "amcl.laser_likelihood_max_dist", 2.0),
+        ("velocity_smoother: {ros__parameters: {velocity_timeout: -1.0}}", "velocity_smoother.velocity_timeout", -1.0),
+        (
+            "waypoint_follower: {ros__parameters: {wait_at_waypoint: {waypoint_pause_duration: -1}}}",
+            "waypoint_follower.waypoint_pause_duration",
+            0,
+        ),
+        (SMAC, "planner.max_iterations", -1),
+        (
+            server(f"{RPP}, inflation_cost_scaling_factor: 0.0}}"),
+            "controller.use_cost_regulated_linear_velocity_scaling",
+            False,
+        ),
+        (server(f"{DWB}, forward_prune_distance: -5.0}}"), "controller.forward_prune_distance", 100.0),
+        (
+            server(f"{ALIGN} {{max_path_occupancy_ratio: 2.0}}}}"),
+            "controller.PathAlignCritic.max_path_occupancy_ratio",
+            2.0,
+        ),
+    ],
+)
+def test_numbers_that_nav2_takes_otherwise_are_read_as_it_takes_them(text, path, value):
+    assert attrgetter(path)(read(text).parameters) == value
 
 
 @each_row(
@@ -197,5 +257,4 @@ def test_signs_of_mppis_limits_are_mended_as_in_nav2():
 
 
 def test_path_of_dwb_may_be_searched_as_a_whole():
-    dwb = "FollowPath: {plugin: 'dwb_core::DWBLocalPlanner', critics: [PathDist], forward_prune_distance: -1.0}"
-    assert read(server(dwb)).parameters.controller.forward_prune_distance == 100.0
+    assert read(server(f"{DWB}, forward_prune_distance: -1.0}}")).parameters.controller.forward_prune_distance == 100.0

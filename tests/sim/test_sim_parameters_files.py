@@ -87,7 +87,7 @@ def test_system_keys_have_pinned_faults(golden):
         *others, (key, value) = system.items()
         with pytest.raises(FileError) as caught:
             parameters_of(system)
-        if not {"nav2_params", "min_particles", "robot.drive"} & system.keys():  # the others depend on further keys
+        if not {"nav2_params", "robot.drive"} & system.keys():  # the others depend on further keys
             with pytest.raises(FileError) as alone:
                 check_key(dict(others), key, value)
             assert set(alone.value.faults) == set(caught.value.faults)

@@ -24,13 +24,13 @@ from vastflow.sim.nav2.controllers.mppi import Mppi
 from vastflow.sim.nav2.controllers.rpp import Rpp
 from vastflow.sim.nav2.controllers.speed_zones import SpeedZones, speed_zones
 from vastflow.sim.nav2.costmaps.filters import Mask
-from vastflow.sim.nav2.costmaps.inflation import cost_at_distance
+from vastflow.sim.nav2.costmaps.inflation import LETHAL, cost_at_distance
 from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
 from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.navigator.parameter_record import parameter_record
 from vastflow.sim.nav2.navigator.prepared import PreparedMap
 from vastflow.sim.nav2.navigator.profile import STAGES
-from vastflow.sim.nav2.parameters.costmap import Costmap, SpeedFilter
+from vastflow.sim.nav2.parameters.costmap import NEVER_HZ, Costmap, SpeedFilter
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners.binding import RunningPlanner
 from vastflow.sim.nav2.planners.binding import running as running_planner
@@ -343,7 +343,9 @@ def _route(shape: tuple[int, ...], goals: Sequence[Pose], legs: int, planner: Bo
 
 def _local(q: Costmap, stamp: NDArray[np.uint8], keepout: Mask) -> Local:
     shape = round(q.height / q.resolution), round(q.width / q.resolution)
-    layer, scratch, lethal, costs, published = (np.zeros(shape, dtype=np.uint8) for _ in range(5))
+    layer, scratch, lethal, costs = (np.zeros(shape, dtype=np.uint8) for _ in range(4))
+    # Behaviors that get no costmap take everything for a collision.
+    published = np.full(shape, LETHAL if q.publish_frequency <= NEVER_HZ else 0, dtype=np.uint8)
     place = np.array([0.0, 0.0, q.resolution])
     return Local(layer, stamp, scratch, lethal, Window(costs, place), Window(published, place.copy()), keepout)
 

@@ -168,6 +168,9 @@ def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costma
         is_marking = field == "obstacle_layer"
         given[field] = _obstacle_layer(reader, layer) if is_marking else reader.instance_group(layer)
     shipped = global_costmap() if node[-2] == "global_costmap" else local_costmap()
+    values = reader.document.values
+    if values.get((*node, "footprint"), "[]") not in ("", "[]") and values.get((*node, "robot_radius")) == 0.0:
+        given["robot_radius"] = shipped.robot_radius  # Nav2 does not look at it beside a polygon
     found = reader.group(Costmap, node, given=given, left_out=shipped, kinds=[node[-2]])
     if not reader.faults and vertices_of(found.footprint):
         reader.leave((*node, "robot_radius"), "the polygon footprint replaces it")

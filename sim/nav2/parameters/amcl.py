@@ -1,6 +1,6 @@
 """Parameters of AMCL, Nav2's localization."""
 
-from typing import Self
+from typing import Any
 
 from pydantic import model_validator
 
@@ -30,7 +30,7 @@ class AmclParameters(ParameterGroup):
     max_particles: int = parameter(2000, 1, 100_000)
     pf_err: float = parameter(0.05, 1e-6, 1.0)
     pf_z: float = parameter(0.99, 0.0, 10.0)
-    resample_interval: int = parameter(1, 1, 1_000_000)
+    resample_interval: int = parameter(1, 1, 1_000_000, below=1)
     alpha1: float = parameter(0.2, 0.0, 100.0)
     alpha2: float = parameter(0.2, 0.0, 100.0)
     alpha3: float = parameter(0.2, 0.0, 100.0)
@@ -42,12 +42,14 @@ class AmclParameters(ParameterGroup):
     z_hit: float = parameter(0.5, 0.0, 1.0)
     z_rand: float = parameter(0.5, 0.0, 1.0)
     sigma_hit: float = parameter(0.2, 1e-3, 100.0)
-    laser_likelihood_max_dist: float = parameter(2.0, 0.0, 100.0)
-    update_min_d: float = parameter(0.25, 0.0, 1000.0)
-    update_min_a: float = parameter(0.2, 0.0, 1000.0)
+    laser_likelihood_max_dist: float = parameter(2.0, 0.0, 100.0, below=2.0)
+    update_min_d: float = parameter(0.25, -1000.0, 1000.0)
+    update_min_a: float = parameter(0.2, -1000.0, 1000.0)
 
-    @model_validator(mode="after")
-    def _numbers_agree(self) -> Self:
-        if self.min_particles > self.max_particles:
-            raise ValueError(f"amcl.min_particles {self.min_particles} must be <= max_particles {self.max_particles}")
-        return self
+    @model_validator(mode="before")
+    @classmethod
+    def _numbers_agree(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """Raise the greatest number of particles to the least, as Nav2 does."""
+        least, most = (values.get(name) for name in ("min_particles", "max_particles"))
+        is_more = isinstance(least, int | float) and isinstance(most, int | float) and 0 <= most < least
+        return {**values, "max_particles": least} if is_more else values

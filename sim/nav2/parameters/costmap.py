@@ -1,11 +1,14 @@
 """Parameters of the two costmaps and their layers."""
 
-from typing import Literal
+from typing import Any, Final, Literal
 
 from pydantic import field_validator
 
 from vastflow.sim.model.parameter import ParameterGroup, derived, parameter
 from vastflow.sim.model.polygon import vertices_of
+
+NEVER_HZ: Final = 1e-9
+"""The rate of a costmap that is not published."""
 
 
 class InflationLayer(ParameterGroup):
@@ -46,8 +49,14 @@ class DenoiseLayer(ParameterGroup):
     """
 
     enabled: bool = parameter(True)
-    minimal_group_size: int = parameter(2, 0, 64)
+    minimal_group_size: int = parameter(2, 0, 10_000, below=0)
     group_connectivity_type: Literal[4, 8] = parameter(8)
+
+    @field_validator("group_connectivity_type", mode="before")
+    @classmethod
+    def _eight(cls, value: Any) -> Any:
+        """Take 8 for all but 4, as Nav2 does."""
+        return 8 if isinstance(value, int) and not isinstance(value, bool) and value != 4 else value
 
 
 class KeepoutFilter(ParameterGroup):
@@ -60,7 +69,7 @@ class KeepoutFilter(ParameterGroup):
     enabled: bool = derived(True)
     override_lethal_cost: bool = parameter(False)
     lethal_override_cost: int = parameter(
-        252, 0, 255, needs=("override_lethal_cost", True, "override_lethal_cost is false")
+        252, 0, 255, needs=("override_lethal_cost", True, "override_lethal_cost is false"), below=252
     )
 
 
@@ -88,7 +97,7 @@ class Costmap(ParameterGroup):
     """
 
     update_frequency: float = parameter(5.0, 0.05, 1000.0)
-    publish_frequency: float = parameter(2.0, 0.05, 1000.0)
+    publish_frequency: float = parameter(2.0, NEVER_HZ, 1000.0, below=NEVER_HZ)
     width: int = parameter(3, 1, 100)
     height: int = parameter(3, 1, 100)
     resolution: float = parameter(0.05, 0.01, 1.0)

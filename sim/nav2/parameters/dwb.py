@@ -95,7 +95,7 @@ class DwbParameters(ParameterGroup):
     xy_goal_tolerance: float = parameter(0.25, 0.0, 100.0)
     trans_stopped_velocity: float = parameter(0.25, 0.0, 10.0)
     prune_distance: float = parameter(2.0, 0.0, 100.0)
-    forward_prune_distance: float = parameter(2.0, 0.0, 100.0, stands_for={-1.0: 100.0})
+    forward_prune_distance: float = parameter(2.0, 0.0, 100.0, below=100.0)
     RotateToGoal: RotateToGoalCritic = RotateToGoalCritic()
     Oscillation: OscillationCritic = OscillationCritic(place=1)
     BaseObstacle: ObstacleCritic = ObstacleCritic(place=2)

@@ -75,7 +75,7 @@ class PathAlignParameters(MppiCritic):
     """
 
     cost_weight: float = parameter(14.0, 0.0, 1e6)
-    max_path_occupancy_ratio: float = parameter(0.05, 0.0, 1.0)
+    max_path_occupancy_ratio: float = parameter(0.05, -1e6, 1e6)
     trajectory_point_step: int = parameter(4, 1, 1000)
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
     offset_from_furthest: int = parameter(20, 0, 1000)
@@ -152,7 +152,7 @@ class MppiParameters(ParameterGroup):
     enforce_path_inversion: bool = parameter(False)
     inversion_xy_tolerance: float = parameter(0.2, 0.0, 100.0, needs=_INVERSIONS)
     inversion_yaw_tolerance: float = parameter(0.4, 0.0, 7.0, needs=_INVERSIONS)
-    retry_attempt_limit: int = parameter(1, 0, 10)
+    retry_attempt_limit: int = parameter(1, 0, 1000)
     retry_scores: bool = parameter(False)
     AckermannConstraints: AckermannParameters = AckermannParameters()
     ConstraintCritic: ConstraintParameters = ConstraintParameters()

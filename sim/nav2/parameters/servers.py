@@ -31,18 +31,18 @@ class NavFn(ParameterGroup):
 class PlannerServer(ParameterGroup):
     """planner_server: seconds that it waits for the update of a cleared costmap."""
 
-    costmap_update_timeout: float = parameter(1.0, 0.0, 1e6)
+    costmap_update_timeout: float = parameter(1.0, -1e6, 1e6)
 
 
 class ControllerServer(ParameterGroup):
     """controller_server: Hz, seconds, and velocities below which odometry is read as standing."""
 
     controller_frequency: float = parameter(20.0, 0.5, 1000.0)
-    costmap_update_timeout: float = parameter(0.3, 0.0, 1e6)
-    failure_tolerance: float = parameter(0.3, 0.0, NO_LIMIT, stands_for={-1.0: NO_LIMIT})
-    min_x_velocity_threshold: float = parameter(0.001, 0.0, 10.0)
-    min_y_velocity_threshold: float = parameter(0.5, 0.0, 10.0)
-    min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0)
+    costmap_update_timeout: float = parameter(0.3, -1e6, 1e6)
+    failure_tolerance: float = parameter(0.3, 0.0, NO_LIMIT, stands_for={-1.0: NO_LIMIT}, below=0.0)
+    min_x_velocity_threshold: float = parameter(0.001, 0.0, 10.0, below=0.0)
+    min_y_velocity_threshold: float = parameter(0.5, 0.0, 10.0, below=0.0)
+    min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0, below=0.0)
 
 
 NO_ANGLE_RAD: Final = 7.0
@@ -52,16 +52,16 @@ NO_ANGLE_RAD: Final = 7.0
 class ProgressChecker(ParameterGroup):
     """PoseProgressChecker (m, rad, s); a SimpleProgressChecker has the angle `NO_ANGLE_RAD`."""
 
-    required_movement_radius: float = parameter(0.5, 0.0, 100.0)
-    required_movement_angle: float = parameter(NO_ANGLE_RAD, 0.0, NO_ANGLE_RAD)
-    movement_time_allowance: float = parameter(10.0, 0.0, 1e6)
+    required_movement_radius: float = parameter(0.5, -100.0, 100.0)
+    required_movement_angle: float = parameter(NO_ANGLE_RAD, -NO_ANGLE_RAD, NO_ANGLE_RAD)
+    movement_time_allowance: float = parameter(10.0, -1e6, 1e6)
 
 
 class GoalChecker(ParameterGroup):
     """StoppedGoalChecker (m, rad, and per second); a SimpleGoalChecker has velocities of `NO_LIMIT`."""
 
     xy_goal_tolerance: float = parameter(0.25, 0.0, 100.0)
-    yaw_goal_tolerance: float = parameter(0.25, 0.0, 1000.0)
+    yaw_goal_tolerance: float = parameter(0.25, -1000.0, 1000.0)
     stateful: bool = parameter(True)
     trans_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT)
     rot_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT)
@@ -76,8 +76,8 @@ class RotationShim(ParameterGroup):
     """
 
     enabled: bool = derived(False)
-    angular_dist_threshold: float = parameter(0.785, 0.0, 3.15)
-    angular_disengage_threshold: float = parameter(0.785, 0.0, 3.15)
+    angular_dist_threshold: float = parameter(0.785, 0.0, 1000.0)
+    angular_disengage_threshold: float = parameter(0.785, 0.0, 1000.0)
     forward_sampling_distance: float = parameter(0.5, 0.0, 100.0)
     rotate_to_heading_angular_vel: float = parameter(1.8, 0.0, 10.0)
     max_angular_accel: float = parameter(3.2, 0.01, 100.0)
@@ -101,7 +101,7 @@ class WaypointFollower(ParameterGroup):
     """waypoint_follower with its WaitAtWaypoint task; the pause is in milliseconds."""
 
     stop_on_failure: bool = parameter(False)
-    waypoint_pause_duration: int = parameter(200, 0, 10_000_000)
+    waypoint_pause_duration: int = parameter(200, 0, 10_000_000, below=0)
 
 
 class VelocitySmoother(ParameterGroup):
@@ -118,7 +118,7 @@ class VelocitySmoother(ParameterGroup):
     min_velocity: tuple[Backward, Backward, Backward] = parameter((-0.5, 0.0, -2.0))
     max_accel: tuple[Acceleration, Acceleration, Acceleration] = parameter((2.5, 0.0, 3.2))
     max_decel: tuple[Deceleration, Deceleration, Deceleration] = parameter((-2.5, 0.0, -3.2))
-    velocity_timeout: float = parameter(1.0, 0.0, 1e6)
+    velocity_timeout: float = parameter(1.0, -1e6, 1e6)
 
 
 class MonitorZone(ParameterGroup):
@@ -190,8 +190,8 @@ class SmacPlanner2D(ParameterGroup):
 
     tolerance: float = parameter(0.125, 0.0, 100.0)
     allow_unknown: bool = parameter(True)
-    max_iterations: int = parameter(1_000_000, -1, 1_000_000_000)
-    max_on_approach_iterations: int = parameter(1000, -1, 1_000_000_000)
+    max_iterations: int = parameter(1_000_000, -1, 1_000_000_000, below=-1)
+    max_on_approach_iterations: int = parameter(1000, -1, 1_000_000_000, below=-1)
     cost_travel_multiplier: float = parameter(1.0, 0.0, 1000.0)
     smoother: SmootherParameters = SmootherParameters()
 
@@ -205,8 +205,8 @@ class SmacPlannerHybrid(ParameterGroup):
 
     tolerance: float = parameter(0.25, 0.0, 100.0)
     allow_unknown: bool = parameter(True)
-    max_iterations: int = parameter(1_000_000, -1, 1_000_000_000)
-    max_on_approach_iterations: int = parameter(1000, -1, 1_000_000_000)
+    max_iterations: int = parameter(1_000_000, -1, 1_000_000_000, below=-1)
+    max_on_approach_iterations: int = parameter(1000, -1, 1_000_000_000, below=-1)
     smooth_path: bool = parameter(True)
     motion_model_for_search: Literal["DUBIN", "REEDS_SHEPP"] = parameter("DUBIN")
     angle_quantization_bins: int = parameter(72, 4, 720)
