@@ -77,6 +77,6 @@ def _others(previous: CampaignDirectory, campaign: CampaignDirectory) -> tuple[s
 
     try:
         with reading(campaign.path):
-            return tuple(campaign_changes(previous.metadata, campaign.metadata))
+            return tuple(campaign_changes(previous.metadata, campaign.metadata, previous.path))
     except UnusableDirectory:
         return ("versions and code can't be compared, as one of the campaigns has no record of them",)

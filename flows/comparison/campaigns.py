@@ -312,7 +312,7 @@ def compared(
         levels=by_level(factors, pairs, target),
         gate=Gate(pairing, whole, target, after.units, margin, oracle, new_faults, same_keys),
         differences=differences(before, after, pairing),
-        campaign_differences=campaign_changes(before.metadata, after.metadata),
+        campaign_differences=campaign_changes(before.metadata, after.metadata, before.directory),
         headlines=(headline_of(before).text, headline_of(after).text),
     )
 

@@ -2,8 +2,11 @@
 
 import importlib.metadata
 import platform
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, get_args
 
 from vastflow.oracles.judgement.oracle import Oracle
@@ -11,6 +14,8 @@ from vastflow.oracles.results.schema import plain
 from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.faults import shown
 from vastflow.producers.model.producer import Producer
+from vastflow.sim.model.files import Unreadable, read_text
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.tasks.engine.evaluation import content_of, producers_in
 from vastflow.tasks.keys.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, Keys
 from vastflow.tasks.keys.source import PLUG_IN, Code, SourceTree
@@ -83,10 +88,16 @@ DEFAULTS_KEY: Final = "nav2_defaults"
 """Key of `metadata.json` with the defaults of Nav2's code that count for a Nav2 parameter file, absent without one."""
 
 
-def default_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Name the defaults that count otherwise now for what a Nav2 file leaves out; directories before 0.2 keep none."""
+def default_changes(then: Mapping[str, Any], now: Mapping[str, Any], had_file: bool = True) -> list[str]:
+    """Name the defaults that count otherwise now for what a Nav2 file leaves out; directories before 0.2 keep none.
+
+    Args:
+        had_file: Whether the earlier campaign had a Nav2 file, without which nothing was left out.
+    """
     here = now.get(DEFAULTS_KEY, {})
-    if DEFAULTS_KEY not in then:
+    if DEFAULTS_KEY not in then and not had_file:
+        words = []
+    elif DEFAULTS_KEY not in then:
         words = [f"{name} is now {short_text(each['value'])}" for name, each in here.items() if each["since"]]
     else:
         before = then[DEFAULTS_KEY]
@@ -300,11 +311,15 @@ def changes(then: Ingredients, now: Ingredients) -> Iterator[DueReason]:
         known.update(words)
 
 
-def campaign_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Describe the differences between two `metadata.json`, configurations excepted."""
+def campaign_changes(then: Mapping[str, Any], now: Mapping[str, Any], folder: Path) -> list[str]:
+    """Describe the differences between two `metadata.json`, the first one in a folder, configurations excepted."""
     versions = then.get("vastflow"), now.get("vastflow")
     found = [] if versions[0] == versions[1] else [change_text("vastflow", *versions)]
-    found += default_changes(then, now)
+    with suppress(Unreadable):
+        had_file = (
+            re.search(rf"^[^#\n]*\b{FILE_KEY}\s*:", read_text(folder / "campaign.vast"), re.MULTILINE) is not None
+        )
+        found += default_changes(then, now, had_file)
     reasons = (changes(stage_ingredients(then, stage), stage_ingredients(now, stage)) for stage in STAGES)
     return [*found, *dict.fromkeys(str(reason) for some in reasons for reason in some)]
 

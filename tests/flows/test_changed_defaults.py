@@ -2,7 +2,13 @@
 
 from table import each_row
 
-from vastflow.flows.results.provenance import DEFAULTS_KEY, default_changes, origin_differences
+from vastflow.flows.results.provenance import (
+    DEFAULTS_KEY,
+    STAGES,
+    campaign_changes,
+    default_changes,
+    origin_differences,
+)
 from vastflow.producers.campaign_file.document import read_document
 from vastflow.producers.campaign_file.nav2_parameters import nav2_params_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
@@ -38,6 +44,21 @@ def test_replay_of_a_directory_without_defaults_names_those_that_changed(tmp_pat
 def test_default_changes_are_those_of_values(then, now, words):
     found = default_changes({} if then is None else {DEFAULTS_KEY: then}, {DEFAULTS_KEY: now})
     assert [each.rpartition(": ")[2] for each in found] == words
+
+
+@each_row(
+    ("text", "words"),
+    [
+        ("execution: {nav2_params: nav2.yaml}", ["a is now 0.1"]),
+        ("execution: {runs: 2} # nav2_params: nav2.yaml", []),  # no file, no gaps in it
+    ],
+)
+def test_comparison_with_a_campaign_of_before_names_defaults_of_its_file_alone(tmp_path, text, words):
+    (tmp_path / "campaign.vast").write_text(text)
+    parts = {"files": {}, "libraries": {}}
+    same = {"numeric_class": "n", "seed": 0, "oracles": [], "code": dict.fromkeys(STAGES, parts)}
+    now = {**same, DEFAULTS_KEY: {"a": {"value": 0.1, "since": "0.2"}}}
+    assert [each.rpartition(": ")[2] for each in campaign_changes(same, now, tmp_path)] == words
 
 
 def test_campaign_with_a_file_has_its_defaults(tmp_path):
