@@ -31,6 +31,7 @@ from vastflow.flows.cli.show import show
 from vastflow.flows.cli.store import store
 from vastflow.flows.cli.validate import validate
 from vastflow.flows.terminal.ending import BAD_INPUT, print_error
+from vastflow.flows.terminal.options import with_stages
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.engine.process import few_collections, return_freed_memory
 
@@ -71,7 +72,7 @@ class Commands(TyperGroup):
         options = (f"{args[0]} {each.partition('=')[0]}" for each in args[1:])
         if former := next((each for each in (args[0], *options) if each in RENAMED), None):
             raise UserError(f"expected `vastflow {RENAMED[former]}`, got `vastflow {former}`, which it replaces")
-        return super().resolve_command(ctx, args)
+        return super().resolve_command(ctx, with_stages(args))
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command; click's own ends are other exceptions than `SystemExit`."""

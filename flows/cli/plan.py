@@ -16,7 +16,7 @@ from vastflow.flows.terminal.ending import Interruptible, check_writable, writin
 from vastflow.flows.terminal.options import AsJson, Out, asking
 
 
-@asking("runs", "results", "store", "only", "sample", "map_dir", "as_v1", "strict")
+@asking("runs", "results", "store", "only", "sample", "map_dir", "as_v1", "strict", "force")
 def plan(
     source: Campaign,
     asked: Mapping[str, Any],

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 
 OPTIONS: Final = tuple(name for name in NAMES if name != "reports")
-MACHINE: Final = ("store", "workers", "cluster")
-"""Options that choose where runs are computed, the only ones that a campaign directory takes."""
+MACHINE: Final = ("store", "workers", "cluster", "force")
+"""Options that choose where and whether runs are computed, the only ones that a campaign directory takes."""
 
 
 Campaign: TypeAlias = Annotated[
@@ -109,7 +109,7 @@ def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = Fals
 
     if not is_address(request.results):
         check_writable(Path(request.results), "--results")
-    with computing() as display:
+    with computing(request.force is not None) as display:
         from vastflow.flows import run_campaign
 
         found = run_campaign(request, observer=display)
@@ -142,9 +142,10 @@ def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = Fals
 
 
 @contextmanager
-def computing() -> "Iterator[Display]":
+def computing(forced: bool = False) -> "Iterator[Display]":
     """Show the progress of the body; after an interrupt or a lost API, print the command that resumes."""
-    going_on = f"`{shlex.join(['vastflow', *sys.argv[1:]])}` again computes only what is missing"
+    without = " without --force" * forced
+    going_on = f"`{shlex.join(['vastflow', *sys.argv[1:]])}`{without} again computes only what is missing"
     with Interruptible(f"interrupted; {going_on}") as interruptible:
         from vastflow.flows.terminal.display import Display
 

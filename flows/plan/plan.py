@@ -33,6 +33,7 @@ from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.reading.script import script_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.tasks.engine.evaluation import FRAGMENTS, write_evaluation
+from vastflow.tasks.engine.forced import Forced
 from vastflow.tasks.engine.index import Index, missing
 from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiator, ProducerFault
 from vastflow.tasks.engine.pool import cores
@@ -182,9 +183,10 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     today = {} if past is None else {**origin_row(keys), **ingredients_row(tree, campaign.families, oracles)}
     store = open_store(request.store, read_only=True)
     store.refresh()
-    reasons = Reasons(past, today, campaign.families)
+    forced = Forced(request.forced)
+    reasons = Reasons(past, today, campaign.families, forced)
     evaluator = HereEvaluator(store, reasons, environments)
-    instantiator = Instantiator(campaign, store, keys, tree)
+    instantiator = Instantiator(campaign, store, keys, tree, forced=forced)
     for _ in range(_TRIES):
         with suppress(Lost):  # a damaged evaluation: now it seems gone, and is made here
             found = instantiator.instantiated(evaluator)
@@ -198,6 +200,7 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     index = Index(store, keys)
     sequential = campaign.sequential if request.runs is None else None
     stopping = None if sequential is None else stopping_of(sequential)
+    forced.remove_results(index, configurations)
     reasons.configurations = {each.name: each for each in found.instantiation.configurations}
     steps = list(evaluator.steps.values())
     for configuration in configurations:
@@ -251,7 +254,7 @@ class HereEvaluator:
                 if self.store.find(each.key) is not None:  # made here before, perhaps
                     self.steps.setdefault(each.key, Step("instantiate", request.family, name, 1, None))
                     continue
-                reason = self.reasons.evaluation(request.family, request.producer, each.inputs)
+                reason = self.reasons.evaluation(request.family, request.producer, each)
                 self.steps[each.key] = Step("instantiate", request.family, name, 1, reason)
                 try:
                     with environments_in(self.environments):

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from inspect import Parameter
-from typing import Annotated, Any, Final, Self, TypeAlias
+from typing import Annotated, Any, Final, Literal, Self, TypeAlias, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator
 
@@ -17,6 +17,7 @@ from vastflow.tasks.store.artifact import public_address
 
 Text: TypeAlias = Annotated[str, StringConstraints(min_length=1)]
 OneOrMore: TypeAlias = Annotated[int, Field(ge=1)]
+ForcedStage: TypeAlias = Literal["all", "instantiate", "execute", "observe", "judge"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,11 @@ class RunRequest(BaseModel):
         False, description="Place all obstacles as RoboVAST version 1 does."
     )
     strict: bool = Field(False, description="Treat unknown keys in the file as errors.")
+    force: Annotated[ForcedStage | None, OnCommandLine("[STAGE]")] = Field(
+        None,
+        description="Compute again what the store has: all, or only the stage instantiate, execute, observe, or judge. What follows from "
+        "results that come out as before is kept.",
+    )
     cluster: Annotated[Text | None, OnCommandLine("ADDRESS")] = Field(
         None,
         description="Dask cluster that computes missing runs: tcp://…, tls://…, a scheduler file, or local:N for N workers here; "
@@ -74,6 +80,14 @@ class RunRequest(BaseModel):
     def _several(cls, names: Any) -> Any:
         return () if names is None else (names,) if isinstance(names, str) else names
 
+    @field_validator("force", mode="before")
+    @classmethod
+    def _stage(cls, force: Any) -> Any:
+        """Return the forced stage, which may be given as a bool."""
+        if force is not None and not isinstance(force, bool) and force not in get_args(ForcedStage):
+            raise ValueError(f"--force: expected {', '.join(get_args(ForcedStage))}, or nothing, got {force!r}")
+        return ("all" if force else None) if isinstance(force, bool) else force
+
     @field_validator("cluster", mode="before")
     @classmethod
     def _address(cls, cluster: Any) -> Any:
@@ -86,6 +100,11 @@ class RunRequest(BaseModel):
                 f"got {address!r}, and no such file exists"
             )
         return address
+
+    @property
+    def forced(self) -> tuple[str, ...]:
+        """The stages that are computed again."""
+        return get_args(ForcedStage)[1:] if self.force == "all" else tuple(filter(None, [self.force]))
 
     def public(self) -> Self:
         """Return the request without credentials in its addresses, as others may read what keeps it."""

@@ -184,6 +184,7 @@ ReasonKind: TypeAlias = Literal[
     "seed changed",
     "source changed",
     "numeric class changed",
+    "forced",
     "lost",
     "broke",
     "open",

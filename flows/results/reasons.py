@@ -27,10 +27,12 @@ from vastflow.oracles.results.schema import Row, json_text
 from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.producer import Producer
-from vastflow.sim.model.digest import Value
+from vastflow.tasks.engine.forced import Forced
 from vastflow.tasks.engine.index import ConfigurationRuns, missing
+from vastflow.tasks.engine.instantiation import Evaluation
 from vastflow.tasks.store.artifact import Stored
 
+FORCED: Final = DueReason("forced", "forced")
 NEVER: Final = DueReason("never computed", "never computed before, as far as is known")
 _DIMENSION_AND_KEY: Final = re.compile(rf"(?:{'|'.join(PARTS)})\.[^.\[]+")
 
@@ -58,21 +60,28 @@ class Reasons:
     Args:
         past: The campaign before, if there is one.
         today: What `metadata.json` would say of the ingredients now.
+        forced: What is computed again although the store had it.
 
     Attributes:
         configurations: All of today, by name; set when they are known.
     """
 
-    def __init__(self, past: Past | None, today: Mapping[str, Any], families: Sequence[Family]) -> None:
+    def __init__(
+        self, past: Past | None, today: Mapping[str, Any], families: Sequence[Family], forced: Forced | None = None
+    ) -> None:
         self.configurations: Mapping[str, Configuration] = {}
+        self.forced = forced or Forced()
         self._past = past
         self._today = today
         self._families = {family.name: family for family in families}
         self._of_stage: dict[Stage, DueReason | None] = {}
         self._texts: dict[tuple[str, tuple[str, ...]], set[str]] = {}
 
-    def evaluation(self, family: str, producer: Producer[Any], inputs: Mapping[str, Value]) -> DueReason:
-        """Why the evaluation of a producer of `family` on `inputs` is not in the store."""
+    def evaluation(self, family: str, producer: Producer[Any], evaluation: Evaluation) -> DueReason:
+        """Why the evaluation of a producer of `family` is not in the store."""
+        inputs = evaluation.inputs
+        if evaluation.key in self.forced.evaluations:
+            return FORCED
         if self._past is None:
             return NEVER
         name = type(producer).__name__
@@ -94,8 +103,14 @@ class Reasons:
         fresh = ", ".join(self._fresh(self._past, family, inputs))
         return DueReason("input changed", f"what {name} reads changed", fresh or "values that were not together before")
 
-    def execute(self, configuration: ConfigurationRuns, absent: Sequence[int]) -> list[tuple[DueReason, int]]:
+    def execute(self, configuration: ConfigurationRuns, runs: Sequence[int]) -> list[tuple[DueReason, int]]:
         """Reasons for these runs, each with its number of runs."""
+        forced = self.forced.runs("execute", configuration)
+        absent = [run for run in runs if run not in forced]
+        again = [(FORCED, len(runs) - len(absent))]
+        return again + self._execute(configuration, absent)
+
+    def _execute(self, configuration: ConfigurationRuns, absent: Sequence[int]) -> list[tuple[DueReason, int]]:
         if self._past is None or not absent:
             return [(NEVER, len(absent))]
         row = self._past.by_key.get(configuration.checked)
@@ -217,13 +232,23 @@ def run_steps(
             amounts += [("execute", amount, reason) for reason, amount in reasons.execute(configuration, due)]
             open_ = DueReason("open", f"open until judged{' again' * bool(recorded)}")
             amounts.append(("execute", len(absent) - len(due), open_))
-            amounts.append(("observe", len(absent), _FOLLOWS_EXECUTE))
-        if unobserved := len(recorded - observed):
-            amounts.append(("observe", unobserved, reasons.later("observe", configuration)))
         follows = _FOLLOWS_EXECUTE if absent else _FOLLOWS_OBSERVE
-        amounts.append(("judge", configuration.runs - len(observed), follows))
-        if unjudged := len(observed - judged):
-            amounts.append(("judge", unjudged, reasons.later("judge", configuration)))
+        executed, observes, judges = (reasons.forced.runs(stage, configuration) for stage in STAGES[1:])
+        executes, unobserved, unjudged = executed & {*absent}, recorded - observed, observed - judged
+        untraced = unobserved.union(absent)
+        amounts += [
+            ("observe", len(untraced & observes), FORCED),
+            ("observe", len(executes - observes), _UNLESS_RECORDED),
+            ("observe", len({*absent} - executes - observes), _FOLLOWS_EXECUTE),
+            ("judge", len((untraced | unjudged) & judges), FORCED),
+            ("judge", len(executes - judges), _UNLESS_RECORDED),
+            ("judge", len((untraced & observes) - executes - judges), _UNLESS_TRACED),
+            ("judge", len(untraced - observes - executes - judges), follows),
+        ]
+        if unobserved := unobserved - observes:
+            amounts.append(("observe", len(unobserved), reasons.later("observe", configuration)))
+        if unjudged := unjudged - judges:
+            amounts.append(("judge", len(unjudged), reasons.later("judge", configuration)))
     for stage, amount, why in amounts:
         if amount:
             yield Step(stage, configuration.family, configuration.name, amount, why)
@@ -231,6 +256,8 @@ def run_steps(
 
 _FOLLOWS_EXECUTE: Final = DueReason("follows", "follows from execute")
 _FOLLOWS_OBSERVE: Final = DueReason("follows", "follows from observe")
+_UNLESS_RECORDED: Final = DueReason("follows", "follows from execute, unless recordings come out as before")
+_UNLESS_TRACED: Final = DueReason("follows", "follows from observe, unless traces come out as before")
 
 
 @dataclass

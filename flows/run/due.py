@@ -12,6 +12,7 @@ from vastflow.flows.results.provenance import STAGES, Stage
 from vastflow.flows.results.reasons import Reasons, Step, run_steps, whys
 from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.configuration import Configuration
+from vastflow.tasks.engine.forced import Forced
 from vastflow.tasks.engine.index import FoundRuns
 from vastflow.tasks.engine.instantiation import EvaluationRequest
 from vastflow.tasks.store.store import Store
@@ -33,6 +34,7 @@ class DueWork:
     folder: Path
     today: Mapping[str, Any] = field(repr=False)
     families: Sequence[Family] = field(repr=False)
+    forced: Forced = field(default_factory=Forced, repr=False)
     _reused: dict[str, Counter[tuple[str, Stage]]] = field(default_factory=dict, repr=False)
     _due: list[Step] = field(default_factory=list, repr=False)
 
@@ -49,17 +51,17 @@ class DueWork:
 
     def evaluate(self, store: Store, requests: Iterable[EvaluationRequest]) -> None:
         """Count evaluations of producers."""
-        reasons = Reasons(self._past, self.today, self.families)
+        reasons = Reasons(self._past, self.today, self.families, self.forced)
         for request in requests:
             for each in request.evaluations:
                 reason = None
                 if store.find(each.key) is None:
-                    reason = reasons.evaluation(request.family, request.producer, each.inputs)
+                    reason = reasons.evaluation(request.family, request.producer, each)
                 self._due.append(Step("instantiate", request.family, type(request.producer).__name__, 1, reason))
 
     def compute(self, found: Iterable[FoundRuns], configurations: Iterable[Configuration]) -> None:
         """Count what the store lacks, just before it is computed; `configurations` are all of today."""
-        reasons = Reasons(self._past, self.today, self.families)
+        reasons = Reasons(self._past, self.today, self.families, self.forced)
         reasons.configurations = {each.name: each for each in configurations}
         for each in found:
             steps = run_steps(each.configuration, each.configuration.runs, each.stored, reasons)

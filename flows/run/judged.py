@@ -55,6 +55,8 @@ def scanned(run: PreparedCampaign, computing: Computing, instantiated: Instantia
     families = {configuration.name: configuration.family for configuration in configurations}
     computing.tally.expect(wanted if run.search is None else run.search.expected(wanted), families)
     computing.tally.begin("scanning")
+    most = run.asked.runs if run.stopping is None else run.stopping.most
+    run.forced.remove_results(computing.engine.index, [replace(each, runs=most) for each in configurations])
     found = computing.engine.scan(configurations)
     run.due.reuse(found)
     return Judged(instantiated, found)

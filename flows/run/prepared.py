@@ -18,6 +18,7 @@ from vastflow.flows.run.due import DueWork
 from vastflow.flows.search.progress import PointRuns, SearchProgress, search_progress
 from vastflow.producers.campaign import Campaign
 from vastflow.sim.model.faults import FileError
+from vastflow.tasks.engine.forced import Forced
 from vastflow.tasks.engine.instantiation import Instantiator
 from vastflow.tasks.engine.process import few_collections
 from vastflow.tasks.engine.progress import Observer
@@ -38,6 +39,7 @@ class PreparedCampaign:
         delivery: Where the campaign directory is made, and where it is to be.
         search: The search that proposes configurations; None where the file lists them.
         stopping: Says how many runs a configuration wants; None where that is fixed.
+        forced: What the call computes again although the store had it.
         due: What the call computes, and why.
         work: What the call has done so far.
     """
@@ -52,6 +54,7 @@ class PreparedCampaign:
     keys: Keys = field(repr=False)
     search: SearchProgress | None = field(repr=False)
     stopping: "Stopping | PointRuns | None"
+    forced: Forced = field(repr=False)
     due: DueWork = field(repr=False)
     work: Callable[[], Work] = field(repr=False)
 
@@ -74,9 +77,9 @@ class PreparedCampaign:
     def instantiator(self) -> Instantiator:
         """The instantiator of the campaign, or of a search's current points."""
         if self.search is None:
-            return Instantiator(self.campaign, self.store, self.keys, self.tree)
+            return Instantiator(self.campaign, self.store, self.keys, self.tree, forced=self.forced)
         points = self.search.campaign(self.campaign)
-        return Instantiator(points, self.store, self.keys, self.tree, refuse_empty=False)
+        return Instantiator(points, self.store, self.keys, self.tree, refuse_empty=False, forced=self.forced)
 
 
 @contextmanager
@@ -112,6 +115,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
         asked = Asked(campaign.path.name, runs, request.only, inputs.places, request.sample, request.as_v1)
         search = search_progress(campaign, request, stopping, runs, store, inputs.campaign, tally)
         record = {"asked": asked.as_json(), **rule, **ingredients_row(tree, campaign.families, oracles)}
+        forced = Forced(request.forced)
         run = PreparedCampaign(
             request,
             opened,
@@ -123,7 +127,8 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
             keys,
             search,
             stopping if search is None else search.runs,
-            DueWork(opened.name, delivery.folder, {**origin_row(keys), **record}, campaign.families),
+            forced,
+            DueWork(opened.name, delivery.folder, {**origin_row(keys), **record}, campaign.families, forced),
             work,
         )
         with computing(

@@ -1,7 +1,7 @@
 """Arguments and options of commands; a run's options are the fields of `RunRequest`."""
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias
@@ -58,6 +58,14 @@ def command_group(title: str) -> typer.Typer:
 
 
 _TYPES: Final[Mapping[str, Any]] = {"integer": int, "number": float, "string": str, "boolean": bool, "array": list[str]}
+
+
+def with_stages(arguments: Sequence[str]) -> list[str]:
+    """Add `all` to a --force without a stage; typer has no options whose value may be left out."""
+    words = []
+    for word, behind in zip(arguments, [*arguments[1:], "-"], strict=True):
+        words += [word, "all"] if word == "--force" and behind.startswith("-") else [word]
+    return words
 
 
 def asking(*names: str, **defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:

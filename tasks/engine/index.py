@@ -62,10 +62,14 @@ class Index:
     store: Store
     keys: Keys
 
-    def stored(self, configuration: ConfigurationRuns) -> list[Stored]:
-        """Return all artifacts of a configuration's wanted runs."""
+    def stored(self, configuration: ConfigurationRuns, since: int | None = None) -> list[Stored]:
+        """Return all artifacts of a configuration's wanted runs.
+
+        Args:
+            since: Return those of every block that begins at this run or later, also where blocks overlap.
+        """
         found = []
-        for artifact, block in self._recorded(configuration):
+        for artifact, block in self._recorded(configuration, since):
             trace = self.store.find(self.trace_key(configuration, block))
             verdicts = self.store.find(self.verdicts_key(configuration, block, trace.content)) if trace else None
             found.append(Stored(block, artifact, trace, verdicts))
@@ -75,10 +79,12 @@ class Index:
         """Return recorded blocks that together cover most of the wanted runs."""
         return [block for _, block in self._recorded(configuration)]
 
-    def _recorded(self, configuration: ConfigurationRuns) -> list[tuple[Artifact, Block]]:
+    def _recorded(self, configuration: ConfigurationRuns, since: int | None = None) -> list[tuple[Artifact, Block]]:
         home = self.keys.recordings(configuration.checked)
-        found = []
-        for start, stop in _covering(_spans(self.store.under(home)), configuration.runs):
+        spans, runs, found = _spans(self.store.under(home)), configuration.runs, []
+        for start, stop in _covering(spans, runs) if since is None else spans:
+            if not (since or 0) <= start < runs:
+                continue
             if (artifact := self.store.find(f"{home}/{start}-{stop}")) is not None:
                 found.append((artifact, Block(artifact.key, start, stop, artifact.content)))
         return found

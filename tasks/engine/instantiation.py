@@ -1,7 +1,7 @@
 """Instantiation over the store: evaluations of producers are looked up, and the missing ones requested together."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, TypeAlias
 
 from vastflow.producers.campaign import Campaign, Family
@@ -16,6 +16,7 @@ from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.producer import Producer
 from vastflow.sim.model.digest import Value
 from vastflow.tasks.engine.evaluation import FRAGMENTS, evaluation_keys, files_in, read_evaluation
+from vastflow.tasks.engine.forced import Forced
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import SourceTree
 from vastflow.tasks.store.store import Lost, Store
@@ -81,6 +82,7 @@ class Instantiator:
 
     Attributes:
         refuse_empty: True if constraints that leave nothing are a fault of the file.
+        forced: Removes evaluations that are made again.
     """
 
     campaign: Campaign
@@ -88,6 +90,7 @@ class Instantiator:
     keys: Keys
     tree: SourceTree
     refuse_empty: bool = True
+    forced: Forced = field(default_factory=Forced)
 
     def stored(self) -> Instantiated | None:
         """Return the instantiation, if every evaluation is in the store."""
@@ -135,6 +138,7 @@ class Instantiator:
             asked.update(each.key for each in new)
             if new:
                 requests.append(EvaluationRequest(growing.family.name, producer, new))
+        self.forced.remove_evaluations(self.store, asked)
         errors = evaluator(requests)
         for growing, their_inputs, their_keys in zip(families, inputs, keys, strict=True):
             files = files_in(growing.family.producers[step].parameters, *their_inputs.values())

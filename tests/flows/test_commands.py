@@ -168,6 +168,18 @@ def test_interrupted_run_exits_with_130_and_prints_resume_command(small_room, ru
     assert signal.getsignal(number) is before
 
 
+def test_interrupted_forced_run_is_resumed_without_force(small_room, running, monkeypatch):
+    def behave(observer):
+        os.kill(os.getpid(), signal.SIGINT)
+
+    running(behave)
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/vastflow", "run", "room.vast", "--force"])
+    assert (
+        "`vastflow run room.vast --force` without --force again computes only"
+        in called("run", small_room, "--force").stderr
+    )
+
+
 def test_interruptible_treats_interrupted_import_as_interrupt(capsys):
     with pytest.raises(typer.Exit) as ended, Interruptible("bye"):
         try:

@@ -77,11 +77,12 @@ def test_run_repeats_campaign_from_its_own_inputs(directory, small_room, tmp_pat
     said = json.loads(called("plan", directory, "--store", tmp_path / "store", "--json").stdout)
     assert (said["file"], said["compared_with"]) == (str(directory), str(directory))
     assert (said["runs"], said["stages"]["execute"]) == (3, {"reused": 0, "computed": 6})
-    result = called("run", directory, "--store", tmp_path / "store", "--workers", 2)
+    result = called("run", directory, "--store", tmp_path / "store", "--workers", 2, "--force", "judge")
     assert f"small_room of 2026-11-21 06:05:04 from the inputs in {directory}, 3 runs of each" in result.stderr
     (call,) = asked_again
     assert call["digests"] == digests
     assert (call["runs"], call["results"], call["only"], call["workers"]) == (3, str(directory.parent), (), 2)
+    assert call["force"] == "judge"
 
 
 @each_row(

@@ -201,3 +201,8 @@ def test_run_of_directory_uses_the_same_rule(place, first, no_prefect, capsys):
     assert answer.exit_code == 0, answer.output
     assert "20 runs of each configuration at most" in answer.output
     assert re.search(r"58 runs of at most 80, 22 saved", answer.output)
+
+
+def test_forced_campaign_stops_after_as_many_runs_as_before(run, first):
+    again = run(force="execute")
+    assert again.summary.executed == again.summary.runs == first.summary.runs == sum(ENDS.values())
