@@ -7,8 +7,9 @@ from typing import Annotated, Final
 
 import typer
 
+from vastflow.flows.cli.store import StoreOption
 from vastflow.flows.terminal.ending import INTERRUPTED, Interruptible
-from vastflow.flows.terminal.options import AsJson, PlaceOfResults
+from vastflow.flows.terminal.options import AsJson, PlaceOfResults, run_names
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 
@@ -18,19 +19,35 @@ _RESULTS: Final = "results"
 
 def show(
     results: PlaceOfResults = "",
+    run: Annotated[
+        str,
+        typer.Argument(
+            metavar="CONFIGURATION/RUN",
+            help="With --lineage, a run by its configuration and index.",
+            autocompletion=run_names,
+        ),
+    ] = "",
     coverage: Annotated[
         bool, typer.Option("--coverage", help="Show how much of the requested test space was realized instead.")
     ] = False,
     follow: Annotated[
         bool, typer.Option("--follow", help="Show a running campaign until it ends; default: the newest in results.")
     ] = False,
+    lineage: Annotated[
+        bool,
+        typer.Option("--lineage", help="Show what the verdicts on one run follow from, back to the campaign file."),
+    ] = False,
+    store: StoreOption = None,
     as_json: AsJson = False,
 ) -> None:
     """Show a campaign.
 
     Its headline, rates, rejections with their reasons, and the path of the report; with --json, the coverage. With --follow, the progress
-    of a running campaign and its failures as they come; with --json, its events, one a line.
+    of a running campaign and its failures as they come; with --json, its events, one a line. With --lineage, the steps behind the
+    verdicts on one run with their keys, and whether the store has them still.
     """
+    if bool(run) is not lineage or (store and not lineage):
+        raise UserError("--lineage: expected RESULTS and CONFIGURATION/RUN; they and --store are for --lineage alone")
     if follow:
         if coverage:
             raise UserError("--coverage: expected a finished campaign, got --follow")
@@ -49,7 +66,9 @@ def show(
     with at_hand(results, WITHOUT_RUNS) as directory:
         check_directory(directory)
         with reading(results.rstrip("/")):
-            if as_json:
+            if lineage:
+                _show_lineage(directory, run, store, as_json)
+            elif as_json:
                 print(json.dumps(read_coverage(directory), ensure_ascii=False))
             elif coverage:
                 printed([*coverage_text(read_coverage(directory))])
@@ -59,6 +78,21 @@ def show(
                 print(f"{tables.metadata['name']}, {tables.metadata['created']}\n")
                 printed(shown)
                 print(f"\n{report_line(directory, results.rstrip('/'))}")
+
+
+def _show_lineage(directory: Path, run: str, place: str | None, as_json: bool) -> None:
+    from vastflow.flows.results.lineage import lineage_of, lineage_text
+    from vastflow.flows.terminal.display import printed, terminal_table
+    from vastflow.tasks.store.store import open_store
+
+    configuration, _, index = run.rpartition("/")
+    if not configuration or not index.isdigit():
+        raise UserError(f"expected CONFIGURATION/RUN, such as room-1/0, got {run!r}")
+    steps = lineage_of(directory, configuration, int(index), open_store(place, read_only=True))
+    if as_json:
+        print(json.dumps([step.as_json() for step in steps], ensure_ascii=False))
+    else:
+        printed([terminal_table(("step", "", "key"), rows=lineage_text(steps))])
 
 
 def _follow(results: Path, as_json: bool) -> None:

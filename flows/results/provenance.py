@@ -16,7 +16,7 @@ from vastflow.producers.model.faults import shown
 from vastflow.producers.model.producer import Producer
 from vastflow.sim.model.files import Unreadable, read_text
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
-from vastflow.tasks.engine.evaluation import content_of, producers_in
+from vastflow.tasks.engine.evaluation import content_of, evaluation_source, producers_in
 from vastflow.tasks.keys.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, Keys
 from vastflow.tasks.keys.source import PLUG_IN, Code, SourceTree
 
@@ -229,7 +229,11 @@ def ingredients_row(tree: SourceTree, families: Sequence[Family], oracles: Seque
     return {
         "oracles": [_plug_in_row(tree, each, each.name, sources) for each in oracles],
         "producers": {
-            family.name: [_plug_in_row(tree, each, type(each).__name__, sources) for each in family.producers]
+            family.name: [
+                _plug_in_row(tree, each, type(each).__name__, sources)
+                | {"evaluation_source": evaluation_source(tree, each)}
+                for each in family.producers
+            ]
             for family in families
         },
         "code": sources,

@@ -58,7 +58,10 @@ def configuration_row(configuration: Configuration) -> Row:
         "factors": json_text(configuration.factors),
         "provenance": json_text(configuration.provenance),
         "steps": json_text(
-            [{"producer": step.producer, "keys": step.keys, "choice": step.choice} for step in configuration.steps]
+            [
+                {"producer": step.producer, "keys": step.keys, "choice": step.choice, "inputs": step.inputs}
+                for step in configuration.steps
+            ]
         ),
     }
 

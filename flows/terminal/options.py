@@ -35,6 +35,22 @@ def configuration_names(context: typer.Context, incomplete: str) -> list[str]:
     return [row["name"] for row in rows if row["name"].startswith(incomplete)]
 
 
+def run_names(context: typer.Context, incomplete: str) -> list[str]:
+    """Return names of configurations as `configuration_names` does, of a single one its runs as `CONFIGURATION/RUN`."""
+    from vastflow.oracles.results.schema import rows_of
+
+    names = configuration_names(context, incomplete.rpartition("/")[0] or incomplete)
+    chosen = [name for name in names if incomplete.startswith(f"{name}/")] or names
+    if len(chosen) != 1:
+        return chosen
+    try:
+        rows = rows_of(Path(context.params["results"]) / "verdicts.parquet", "configuration", chosen[0])
+        runs = sorted(set(rows["run_index"].to_pylist()))
+    except (OSError, ValueError, LookupError, TypeError):
+        return []
+    return [each for run in runs if (each := f"{chosen[0]}/{run}").startswith(incomplete)]
+
+
 ConfigurationName: TypeAlias = Annotated[
     str,
     typer.Argument(metavar="CONFIGURATION", help="Name of a configuration.", autocompletion=configuration_names),

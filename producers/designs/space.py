@@ -211,12 +211,14 @@ class DesignSpace:
                 numbers.append("*")
                 continue
             factor, level = self._factors[i], level_of[i]
-            items = factor.choices[tuple(level_of[j] for j in factor.depends)]
+            depends = tuple(level_of[j] for j in factor.depends)
+            items = factor.choices[depends]
             fragment = items[level]
             assert isinstance(fragment, Fragment)
             values.update(fragment.values)
             dimensions.update({key: factor.tags[key] for key in fragment.values if key in factor.tags})
-            steps.append(Step(type(factor.producer).__name__, tuple(fragment.values), level + 1))
+            name, digest = type(factor.producer).__name__, factor.digests[depends]
+            steps.append(Step(name, tuple(fragment.values), level + 1, digest))
             numbers.append(str(1 + sum(isinstance(item, Fragment) for item in items[:level])))
         return Partial("-".join([root.name, *numbers]), values, dimensions, tuple(steps))
 

@@ -196,7 +196,7 @@ class CartesianGrowth:
         self._check_size(type(producer).__name__, most, results)
         written = tags_of(producer, itertools.chain.from_iterable(results.values()))
         label = type(producer).__name__
-        offered = {digest: _offered(label, items, written) for digest, items in results.items()}
+        offered = {digest: _offered(label, digest, items, written) for digest, items in results.items()}
         children: list[Partial] = []
         for parent, digest, restricted in self._restricted():
             if digest not in offered:
@@ -336,7 +336,7 @@ def growth_of(family: Family) -> Growth:
 
 
 def _offered(
-    label: str, items: Sequence[Fragment | Rejection], tags: Mapping[str, Dimension]
+    label: str, digest: str, items: Sequence[Fragment | Rejection], tags: Mapping[str, Dimension]
 ) -> tuple[list[tuple[str, Mapping[str, Value], dict[str, Dimension], Step]], list[Rejection]]:
     """Return the name's suffix, values, tags and step of each fragment of one input, and the rejections."""
     places = [(place, item) for place, item in enumerate(items, 1) if isinstance(item, Fragment)]
@@ -345,7 +345,7 @@ def _offered(
             f"-{k}",
             item.values,
             {key: tags[key] for key in item.values if key in tags},
-            Step(label, tuple(item.values), place),
+            Step(label, tuple(item.values), place, digest),
         )
         for k, (place, item) in enumerate(places, 1)
     ]

@@ -45,11 +45,13 @@ class Step:
     Attributes:
         choice: Place, from 1, of this contribution among all the producer yielded for its input, rejections included:
             the same choice of the same list has the same number, whatever could not be built before it.
+        inputs: Digest of what the producer read.
     """
 
     producer: str
     keys: tuple[str, ...]
     choice: int = 1
+    inputs: str = ""
 
 
 @dataclass(frozen=True, slots=True)

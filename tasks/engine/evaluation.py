@@ -50,11 +50,14 @@ def evaluation_keys(
     keys: Keys, tree: SourceTree, producer: Producer[Any], inputs: Mapping[str, Mapping[str, Value]]
 ) -> dict[str, str]:
     """Return the key of the evaluation for each digest of a restricted input."""
-    kind = type(producer)
+    source, parameters = evaluation_source(tree, producer), content_of(producer.parameters)
+    return {digest: keys.evaluation(source, type(producer).__name__, parameters, digest) for digest in inputs}
+
+
+def evaluation_source(tree: SourceTree, producer: Producer[Any]) -> str:
+    """Return the source digests of a producer and those in its parameters, as they are in keys of evaluations."""
     kinds = dict.fromkeys(type(each) for each in (producer, *producers_in(producer.parameters)))
-    source = "".join([tree.digest(*EVALUATE_SOURCE), *map(tree.plug_in_digest, kinds)])
-    parameters = content_of(producer.parameters)
-    return {digest: keys.evaluation(source, kind.__name__, parameters, digest) for digest in inputs}
+    return "".join([tree.digest(*EVALUATE_SOURCE), *map(tree.plug_in_digest, kinds)])
 
 
 def content_of(value: object) -> Value:

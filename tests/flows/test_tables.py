@@ -70,7 +70,7 @@ def test_configuration_is_written_with_files_as_digests(tmp_path):
         "scenario": '{"environment":{"map_file":{"file":"d1"}},"task":{"goal_pose":{"x":1.0}},"system":{"noise":0.25}}',
         "factors": '{"noise":0.25}',
         "provenance": '{"_path":[[0.0,1.0]]}',
-        "steps": '[{"producer":"ParameterVariationList","keys":["noise"],"choice":1}]',
+        "steps": '[{"producer":"ParameterVariationList","keys":["noise"],"choice":1,"inputs":""}]',
     }
 
 
