@@ -8,7 +8,7 @@ from typing import Annotated, Final
 import typer
 
 from vastflow.flows.terminal.ending import Interruptible, writing
-from vastflow.flows.terminal.options import PlaceOfResults
+from vastflow.flows.terminal.options import PlaceOfResults, configuration_names
 from vastflow.flows.terminal.progress import count_text
 from vastflow.sim.model.faults import UserError
 
@@ -22,7 +22,9 @@ def export(
     only: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="PATTERN", help="Families and configurations to export, such as 'room*'; may be repeated."
+            metavar="PATTERN",
+            help="Families and configurations to export, such as 'room*'; may be repeated.",
+            autocompletion=configuration_names,
         ),
     ] = None,
 ) -> None:

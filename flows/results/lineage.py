@@ -1,4 +1,4 @@
-"""The lineage of a run's verdicts: all that they follow from, back to the campaign file. Read from data; nothing is executed."""
+"""The lineage of a run's verdicts: all that they follow from, back to the campaign file."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -24,7 +24,7 @@ _RUN: Final = ("seed", "outcome", "simulated_s")
 
 @dataclass(frozen=True, slots=True)
 class LineageStep:
-    """What a run's verdicts follow from, in one step.
+    """A step of a lineage.
 
     Attributes:
         step: `judge`, `observe`, `execute`, `scenario`, `instantiate`, or `campaign`.

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias
@@ -24,15 +25,45 @@ PlaceOfResults: TypeAlias = Annotated[
 ]
 
 
+def _named(context: typer.Context, argument: str) -> Path:
+    """Return the first argument before the cursor; click leaves it unsorted where an option lacks its value."""
+    return Path(context.params[argument] or context.args[0])
+
+
 def configuration_names(context: typer.Context, incomplete: str) -> list[str]:
     """Return the names of the campaign directory before the cursor that begin so, for the Tab key."""
     from vastflow.oracles.results.schema import table_rows
 
     try:
-        rows = table_rows(Path(context.params["results"]) / "configurations.parquet", "name")
+        rows = table_rows(_named(context, "results") / "configurations.parquet", "name")
     except (OSError, ValueError, LookupError, TypeError):
         return []
     return [row["name"] for row in rows if row["name"].startswith(incomplete)]
+
+
+def names_to_run(context: typer.Context, incomplete: str) -> list[str]:
+    """Return families of the campaign file before the cursor and configurations of its newest directory, for the Tab key.
+
+    The file is read as YAML alone: what its producers would make is not known without executing them.
+    """
+    from vastflow.oracles.results.schema import table_rows
+    from vastflow.producers.campaign_file.document import read_document
+    from vastflow.sim.model.files import read_json
+
+    found: dict[str, None] = {}
+    with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
+        source = _named(context, "source")
+        directory: Path | None = source
+        if source.is_file():
+            data = read_document(source).data
+            found |= dict.fromkeys(str(family["name"]) for family in data.get("configuration") or ())
+            name = (data.get("metadata") or {}).get("name") or source.stem
+            results = Path(context.params.get("results") or "results").glob("[!.]*/metadata.json")
+            named = [(file.stat().st_mtime_ns, file.parent) for file in results if read_json(file)["name"] == str(name)]
+            directory = max(named)[1] if named else None
+        for row in table_rows(directory / "configurations.parquet", "name", "family") if directory else ():
+            found |= {row["family"]: None, row["name"]: None}
+    return [name for name in found if name.startswith(incomplete)]
 
 
 def run_names(context: typer.Context, incomplete: str) -> list[str]:
@@ -111,9 +142,13 @@ def _option(name: str, defaults: Mapping[str, Any]) -> Parameter:
     default = defaults.get(name, None if schema["type"] == "array" else about.get_default())
     said = next((each for each in about.metadata if isinstance(each, OnCommandLine)), OnCommandLine())
     flags = () if said.flag is None else (said.flag,)
-    check = _map_dir if name == "map_dir" else None
     option = typer.Option(
-        *flags, metavar=said.metavar, min=schema.get("minimum"), help=about.description, callback=check
+        *flags,
+        metavar=said.metavar,
+        min=schema.get("minimum"),
+        help=about.description,
+        callback=_map_dir if name == "map_dir" else None,
+        autocompletion=names_to_run if name == "only" else None,
     )
     kind: Any = _TYPES[schema["type"]]
     annotated: Any = Annotated  # made of values here, which a checker of types can't follow
