@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vastflow.flows.request.campaign_file import recorded_keys, recorded_value
+from vastflow.flows.request.run_request import SEARCH
 from vastflow.flows.results.past import values_of
 from vastflow.flows.results.provenance import few, short_text
 from vastflow.oracles.results.executed import configuration_row
@@ -116,7 +117,8 @@ def _producers(metadata: Mapping[str, Any], row: Mapping[str, Any], keys: Keys, 
     """Yield a step for each producer, the last first; the values that later ones wrote over are left out."""
     values, steps = values_of(row), json.loads(row["steps"])
     last = {key: k for k, step in enumerate(steps) for key in step["keys"]}
-    producers = metadata["producers"].get(row["family"], [{}] * len(steps))
+    # A search's producers are those of its file: a point has other parameters.
+    producers = [{}] * len(steps) if SEARCH in metadata else metadata["producers"][row["family"]]
     for k, (step, producer) in reversed([*enumerate(zip(steps, producers, strict=True))]):
         wrote = {key: values.get(key) for key in step["keys"] if last[key] == k}
         facts = {"producer": step["producer"], "choice": step["choice"], "wrote": wrote}
@@ -150,7 +152,8 @@ def _words(step: LineageStep) -> Iterator[str]:
         yield f"run {facts['run_index']} of {facts['configuration']}, seed {facts.get('seed', 'unknown')}: {ended}"
         yield from (f"{name}: {facts[name]}" for name in ("robot", "world") if facts[name])
     if step.step == "instantiate":
-        yield f"{facts['producer']}, choice {facts['choice']} ({_of(facts)})"
+        made_by = f" ({_of(facts)})" if "source" in facts else ""
+        yield f"{facts['producer']}, choice {facts['choice']}{made_by}"
         yield few([f"{key} = {short_text(value)}" for key, value in facts["wrote"].items()], _MOST_KEYS)
     if step.step == "campaign":
         yield f"{facts['file']}, {facts['name']} of {facts['created']}, execution.seed {facts['seed']}"
@@ -159,5 +162,5 @@ def _words(step: LineageStep) -> Iterator[str]:
 
 
 def _of(plug_in: Mapping[str, Any]) -> str:
-    words = [f"{key}: {short_text(value)}" for key, value in (plug_in.get("parameters") or {}).items()]
-    return "; ".join([*words, f"source {str(plug_in.get('source'))[:_DIGITS]}"])
+    words = [f"{key}: {short_text(value)}" for key, value in plug_in["parameters"].items()]
+    return "; ".join([*words, f"source {plug_in['source'][:_DIGITS]}"])

@@ -107,6 +107,15 @@ def test_lineage_of_a_design_finds_its_evaluations(ran, store):
     assert {step.key for step in steps if step.step == "instantiate"} == manifests(store, "evaluate")
 
 
+def test_lineage_of_a_point_of_a_search_knows_no_key_of_its_evaluations(directory, store):
+    metadata = json.loads((directory / "metadata.json").read_text())
+    (directory / "metadata.json").write_text(json.dumps(metadata | {"search": {}, "producers": {}}))
+    steps = lineage_of(directory, "room-2", 0, store)
+    assert [(step.key, step.is_stored) for step in steps if step.step == "instantiate"] == [(None, None)]
+    lines = [*lineage_text(steps)]
+    assert ("instantiate", "", "key unknown") in lines and ("", "", "ParameterVariationList, choice 2") in lines
+
+
 def test_show_prints_lineage_as_text_and_json(directory, store):
     options = ("--lineage", "--store", store.place)
     said = json.loads(called("show", directory, "room-2/1", *options, "--json").stdout)
