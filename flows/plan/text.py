@@ -102,6 +102,8 @@ def plan_text(plan: Plan, *, why: bool = False, coverage: bool = False) -> Itera
         yield Text(f"{', '.join(each['families'])}: {'; '.join(each['robot'])}", "dim")
     if not plan.due and not plan.unexecutable:
         yield Text("everything is in the store: nothing would be computed, Prefect would not start")
+    elif plan.due and not any(each.amount for each in plan.due):
+        yield Text("every verdict is in the store: no oracle would judge, causes of failures would follow anew")
     elif simulated_s := plan.estimate.simulated_s:
         about = "about" if plan.least is None else "at most about"
         times = f"{duration_text(plan.estimate.wall_s)} for {duration_text(simulated_s)} of simulated time"

@@ -174,14 +174,16 @@ def open_campaign(
 def campaign_keys(tree: SourceTree, seed: int, oracles: Sequence[Oracle[Any]]) -> Keys:
     """Keys of the artifacts that this process would compute; `seed` is `execution.seed`."""
     sources = tree.files()  # before they are read: what is edited in between is found out, too
-    judge_source = [tree.digest(*JUDGE_SOURCE), *(tree.plug_in_digest(type(oracle)) for oracle in oracles)]
     return Keys(
         numeric=numeric_class(),
         execute_source=tree.digest(*EXECUTE_SOURCE),
         observe_source=tree.digest(*OBSERVE_SOURCE),
-        judge_source=digest(judge_source),
+        judge_source=tree.digest(*JUDGE_SOURCE),
         seed=seed,
-        oracles=[[oracle.name, content_of(oracle.parameters)] for oracle in oracles],
+        oracles=[
+            (oracle.name, digest(tree.plug_in_digest(type(oracle)), content_of(oracle.parameters)))
+            for oracle in oracles
+        ],
         sources=sources,
     )
 
@@ -189,13 +191,17 @@ def campaign_keys(tree: SourceTree, seed: int, oracles: Sequence[Oracle[Any]]) -
 def recorded_keys(metadata: Mapping[str, Any]) -> Keys:
     """Keys of the artifacts that a campaign directory was made of; raises `KeyError` if its `metadata.json` does not say."""
     source = metadata["source"]
+    keyed = source.get("oracles", {})  # absent where verdicts had one key for all oracles
     return Keys(
         numeric=metadata["numeric_class"],
         execute_source=source["execute"],
         observe_source=source["observe"],
         judge_source=source["judge"],
         seed=metadata["seed"],
-        oracles=[[oracle["name"], recorded_value(oracle["parameters"])] for oracle in metadata["oracles"]],
+        oracles=[
+            (oracle["name"], keyed.get(oracle["name"]) or digest(recorded_value(oracle["parameters"])))
+            for oracle in metadata["oracles"]
+        ],
     )
 
 

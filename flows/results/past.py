@@ -45,6 +45,7 @@ class _StageSources(TypedDict):
     execute: str
     observe: str
     judge: str
+    oracles: NotRequired[dict[str, str]]
 
 
 @with_config(_EXACT)

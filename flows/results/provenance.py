@@ -3,7 +3,7 @@
 import importlib.metadata
 import platform
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,7 +81,7 @@ _LISTS: Final = ("processor features", "variables")
 def origin_row(keys: Keys) -> dict[str, Any]:
     """Return numeric class, seed, and source digests for `metadata.json`."""
     source = {"execute": keys.execute_source, "observe": keys.observe_source, "judge": keys.judge_source}
-    return {"numeric_class": keys.numeric, "seed": keys.seed, "source": source}
+    return {"numeric_class": keys.numeric, "seed": keys.seed, "source": {**source, "oracles": dict(keys.by_oracle)}}
 
 
 DEFAULTS_KEY: Final = "nav2_defaults"
@@ -197,7 +197,6 @@ _ENTRIES: Final[Mapping[Stage, tuple[str, ...]]] = {
     "observe": OBSERVE_SOURCE,
     "judge": JUDGE_SOURCE,
 }
-_ORDER: Final = "order of oracles"
 _DIGITS: Final = 12
 _MOST_FILES: Final = 5
 
@@ -264,8 +263,10 @@ def _source(code: Code) -> dict[str, dict[str, str]]:
     return {"files": files, "libraries": dict(code.libraries)}
 
 
-def stage_ingredients(metadata: Mapping[str, Any], stage: Stage) -> dict[str, tuple[ReasonKind, Any]]:
-    """Return the ingredients of a stage's keys, in the order of messages."""
+def stage_ingredients(
+    metadata: Mapping[str, Any], stage: Stage, oracles: Container[str] | None = None
+) -> dict[str, tuple[ReasonKind, Any]]:
+    """Return the ingredients of a stage's keys, in the order of messages, of `judge` those of some or all oracles."""
     found: dict[str, tuple[ReasonKind, Any]] = {
         "numeric class": ("numeric class changed", numeric_parts(metadata["numeric_class"])),
         f"source of {stage}": ("source changed", metadata["code"][stage]),
@@ -274,8 +275,8 @@ def stage_ingredients(metadata: Mapping[str, Any], stage: Stage) -> dict[str, tu
         found["execution.seed"] = ("seed changed", metadata["seed"])
     if stage == "judge":
         for each in metadata["oracles"]:
-            found |= _of_plug_in(metadata, each, f"oracle {each['name']}", "oracle changed")
-        found[_ORDER] = ("oracle changed", [each["name"] for each in metadata["oracles"]])
+            if oracles is None or each["name"] in oracles:
+                found |= _of_plug_in(metadata, each, f"oracle {each['name']}", "oracle changed")
     return found
 
 
@@ -305,7 +306,7 @@ def changes(then: Ingredients, now: Ingredients) -> Iterator[DueReason]:
     known: set[str] = set()
     for name in filter(then.__contains__, now):
         (kind, value), (_, before) = now[name], then[name]
-        if value == before or (name == _ORDER and sorted(value) != sorted(before)):
+        if value == before:
             continue
         if kind != "source changed":
             yield DueReason(kind, f"{name} changed", changes_text(before, value))

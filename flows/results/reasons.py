@@ -43,7 +43,7 @@ class Step:
 
     Attributes:
         subject: A configuration; at `instantiate` a producer.
-        amount: Runs of it; at `instantiate` one evaluation.
+        amount: Runs of it; at `instantiate` one evaluation. 0 where no oracle judges and only causes follow.
         reason: Why it would be computed; None where it is in the store.
     """
 
@@ -74,7 +74,7 @@ class Reasons:
         self._past = past
         self._today = today
         self._families = {family.name: family for family in families}
-        self._of_stage: dict[Stage, DueReason | None] = {}
+        self._of_stage: dict[tuple[Stage, frozenset[str] | None], DueReason | None] = {}
         self._texts: dict[tuple[str, tuple[str, ...]], set[str]] = {}
 
     def evaluation(self, family: str, producer: Producer[Any], evaluation: Evaluation) -> DueReason:
@@ -118,15 +118,29 @@ class Reasons:
             return [(self._scenario(self._past, self.configurations[configuration.name]), len(absent))]
         return list(Counter(self._run(self._past, row, configuration, run) for run in absent).items())
 
-    def later(self, stage: Literal["observe", "judge"], configuration: ConfigurationRuns) -> DueReason:
-        """The reason why a recorded block is observed, or an observed block is judged."""
+    def later(
+        self,
+        stage: Literal["observe", "judge"],
+        configuration: ConfigurationRuns,
+        oracles: frozenset[str] | None = None,
+    ) -> DueReason:
+        """The reason why a recorded block is observed, or an observed block is judged, maybe by some oracles only."""
         if self._past is None:
             return NEVER
         if configuration.checked not in self._past.by_key:
             return DueReason(
                 "never computed", "recorded, but never more", "as a campaign that was interrupted leaves it"
             )
-        return self._stage(self._past, stage) or lost(self._past)
+        return self._stage(self._past, stage, oracles) or lost(self._past)
+
+    def gathered(self, configuration: ConfigurationRuns) -> DueReason:
+        """The reason why a block whose verdicts are all in the store gets causes of failures, which follow from all of them."""
+        why = None
+        if self._past is not None and configuration.checked in self._past.by_key:
+            why = self._stage(self._past, "judge")
+        if why is None:
+            why = DueReason("oracle changed", "these oracles were not asked together")
+        return DueReason(why.kind, str(why), "all verdicts are in the store; causes of failures follow from them anew")
 
     def _run(self, past: Past, row: Row, configuration: ConfigurationRuns, run: int) -> DueReason:
         before = past.runs_of(row["name"])
@@ -138,12 +152,12 @@ class Reasons:
             return lost(past)
         return DueReason("broke", "not recorded in the campaign before", "its metadata.json says which fault it was")
 
-    def _stage(self, past: Past, stage: Stage) -> DueReason | None:
-        """Why no result of the past is one of today in this stage; None where every one is."""
-        if stage not in self._of_stage:
-            then, now = stage_ingredients(past.metadata, stage), stage_ingredients(self._today, stage)
-            self._of_stage[stage] = all_of([*changes(then, now)])
-        return self._of_stage[stage]
+    def _stage(self, past: Past, stage: Stage, oracles: frozenset[str] | None = None) -> DueReason | None:
+        """Why no result of the past is one of today in this stage, or of these oracles; None where every one is."""
+        if (stage, oracles) not in self._of_stage:
+            then, now = (stage_ingredients(each, stage, oracles) for each in (past.metadata, self._today))
+            self._of_stage[stage, oracles] = all_of([*changes(then, now)])
+        return self._of_stage[stage, oracles]
 
     def _scenario(self, past: Past, configuration: Configuration) -> DueReason:
         """The reason why a configuration is executed that the previous campaign did not have."""
@@ -214,12 +228,17 @@ def run_steps(
 
     Runs from `certain` on are executed only if it is undecided by then.
     """
-    recorded, observed, judged = set[int](), set[int](), set[int]()
+    recorded, observed, judged, gathered = set[int](), set[int](), set[int](), False
+    lacking: dict[int, frozenset[str] | None] = {}
     for each in stored:
         span = range(each.block.start, min(each.block.stop, configuration.runs))
         recorded.update(span)
         observed.update(span if each.trace else ())
-        judged.update(span if each.verdicts else ())
+        if each.verdicts or each.lacking == frozenset():
+            judged.update(span)
+            gathered = gathered or not each.verdicts
+        elif each.trace:
+            lacking.update(dict.fromkeys(span, each.lacking))
     amounts: list[tuple[Stage, int, DueReason | None]] = [
         ("execute", len(recorded), None),
         ("observe", len(observed), None),
@@ -247,11 +266,13 @@ def run_steps(
         ]
         if unobserved := unobserved - observes:
             amounts.append(("observe", len(unobserved), reasons.later("observe", configuration)))
-        if unjudged := unjudged - judges:
-            amounts.append(("judge", len(unjudged), reasons.later("judge", configuration)))
+        for oracles, amount in Counter(lacking.get(run) for run in unjudged - judges).items():
+            amounts.append(("judge", amount, reasons.later("judge", configuration, oracles)))
     for stage, amount, why in amounts:
         if amount:
             yield Step(stage, configuration.family, configuration.name, amount, why)
+    if gathered and reasons is not None:
+        yield Step("judge", configuration.family, configuration.name, 0, reasons.gathered(configuration))
 
 
 _FOLLOWS_EXECUTE: Final = DueReason("follows", "follows from execute")

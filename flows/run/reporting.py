@@ -134,7 +134,8 @@ def _oracles(run: PreparedCampaign) -> list[str]:
 def current(run: PreparedCampaign, computing: Computing) -> Results | None:
     """The campaign's newest directory, if this run would write the same and the store had everything behind it.
 
-    It costs the same for any number of runs. A forced stage takes the store's word for that away. A campaign with steps of postprocessing has none: what they follow from is not known.
+    It costs the same for any number of runs. A forced stage takes the store's word for that away. A campaign with steps of postprocessing
+    has none: what they follow from is not known.
     """
     key = _key(run, computing)
     if run.forced.stages:

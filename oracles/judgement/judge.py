@@ -31,6 +31,7 @@ def judge_block(
     trace_block: bytes,
     oracles: Sequence[Oracle[Any]],
     outputs: bytes | None = None,
+    kept: Sequence[Verdict] = (),
 ) -> JudgedBlock:
     """Return every oracle's verdict on every run of a block, and the causes of failures.
 
@@ -38,6 +39,7 @@ def judge_block(
         recording_block: Runs of `scenario`, by `write_recordings`.
         trace_block: The same runs, by `observe_block`.
         outputs: Files of the runs' programs, by `write_outputs`.
+        kept: Verdicts of other oracles on the same runs, each oracle's in their order.
 
     Raises:
         ValueError: the blocks are not of the same runs.
@@ -56,14 +58,16 @@ def judge_block(
     for columns in (columns for trace in traces for columns in (trace.columns, *trace.tables.values())):
         for column in columns.values():
             column.setflags(write=False)  # all oracles share them
-    said_by = []
+    said_by: dict[str, list[Verdict]] = {}
+    for verdict in kept:
+        said_by.setdefault(verdict.oracle, []).append(verdict)
     for oracle in oracles:
         with watched(snapshot_behind(type(oracle))):
-            said_by.append(oracle.judge_all(traces, situation))
-    said = list(zip(*said_by, strict=True))
+            said_by[oracle.name] = oracle.judge_all(traces, situation)
+    said = list(zip(*said_by.values(), strict=True))
     causes = {
         trace.run.run_index: cause
-        for trace, verdicts in zip(traces, said, strict=bool(oracles))
+        for trace, verdicts in zip(traces, said, strict=bool(said_by))
         if (cause := cause_of(trace, verdicts)) is not None
     }
     return JudgedBlock([verdict for verdicts in said for verdict in verdicts], causes)

@@ -332,11 +332,12 @@ class Engine:
 
     def judge(self, configurations: Sequence[ConfigurationRuns], observed: Rows) -> StageOutcome[Rows]:
         """Judge observed blocks; rows gain the content digest of the verdicts."""
+        keyed = self.index.keys.by_oracle
 
         def submit(configuration: ConfigurationRuns, block: Block, key: str) -> "Future[Any]":
             trace = self.index.trace_key(configuration, block)
             arguments = (self._store, block.key, trace, key, configuration.scenario, self._oracles)
-            return self._submit(Priority.JUDGE, work.judge, *arguments)
+            return self._submit(Priority.JUDGE, work.judge, *arguments, keyed, self.index.held(key))
 
         traces = [str(row[3]) for of_configuration in observed for row in of_configuration]
         blocks = self._blocks(configurations, observed)

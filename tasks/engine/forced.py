@@ -41,11 +41,15 @@ class Forced:
         for configuration in configurations if self.stages else ():
             checked, keys = configuration.checked, []
             for stored in index.stored(configuration, self._reached.get(checked, 0)):
-                artifacts = {"execute": stored.recordings, "observe": stored.trace, "judge": stored.verdicts}
-                for stage, artifact in artifacts.items():
-                    if stage in self.stages and artifact is not None:
-                        keys.append(artifact.key)
-                        span = range(stored.block.start, stored.block.stop)
-                        self._runs.setdefault((stage, checked), set()).update(span)
+                found = {"execute": [stored.recordings.key], "observe": [], "judge": []}
+                if stored.trace is not None:
+                    verdicts = index.verdicts_key(configuration, stored.block, stored.trace.content)
+                    found["observe"] = [stored.trace.key]
+                    found["judge"] = [verdicts] * (stored.verdicts is not None) + [*index.held(verdicts)]
+                for stage in filter(found.get, self.stages):
+                    keys += found[stage]
+                    span = range(stored.block.start, stored.block.stop)
+                    self._runs.setdefault((stage, checked), set()).update(span)
             index.store.remove(keys)
+            index.list_again()
             self._reached[checked] = max(configuration.runs, self._reached.get(checked, 0))

@@ -1,7 +1,7 @@
 """The index: the artifacts of a campaign that are in the store, and the missing ones."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.checked import checked_digest
@@ -61,6 +61,8 @@ class Index:
 
     store: Store
     keys: Keys
+    _beside: dict[str, Mapping[str, Sequence[str]]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _oracles: dict[str, Mapping[str, str]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def stored(self, configuration: ConfigurationRuns, since: int | None = None) -> list[Stored]:
         """Return all artifacts of a configuration's wanted runs.
@@ -71,9 +73,45 @@ class Index:
         found = []
         for artifact, block in self._recorded(configuration, since):
             trace = self.store.find(self.trace_key(configuration, block))
-            verdicts = self.store.find(self.verdicts_key(configuration, block, trace.content)) if trace else None
-            found.append(Stored(block, artifact, trace, verdicts))
+            verdicts = lacking = None
+            if trace is not None:
+                key = self.verdicts_key(configuration, block, trace.content)
+                verdicts = self.store.find(key)
+                held = {key: self.keys.by_oracle} if verdicts else self.held(key)
+                lacking = frozenset(self.keys.by_oracle).difference(*held.values())
+            found.append(Stored(block, artifact, trace, verdicts, lacking))
         return found
+
+    def list_again(self) -> None:
+        """Forget which verdicts are beside others."""
+        self._beside.clear()
+
+    def held(self, key: str) -> dict[str, list[str]]:
+        """Return oracles whose verdicts on the block of a key of verdicts are in other artifacts, by their keys.
+
+        Folders are listed once: verdicts of other oracles are from campaigns before.
+        """
+        folder, _, name = key.rpartition("/")
+        if folder not in self._beside:
+            listed: dict[str, list[str]] = {}
+            for each in self.store.under(folder):
+                listed.setdefault(each.partition("-")[0], []).append(each)
+            self._beside[folder] = listed
+        wanted = self.keys.by_oracle
+        found: dict[str, list[str]] = {}
+        for each in self._beside[folder].get(name.partition("-")[0], ()):
+            oracles = self._together(f"{folder}/{each}") if wanted and each != name else {}
+            if names := [name for name, content in wanted.items() if oracles.get(name) == content]:
+                found[f"{folder}/{each}"] = names
+                wanted = {name: content for name, content in wanted.items() if name not in names}
+        return found
+
+    def _together(self, key: str) -> Mapping[str, str]:
+        """Return the oracles of a key of verdicts, which all keys with this end share."""
+        end = key.rpartition("-")[2]
+        if end not in self._oracles and (artifact := self.store.find(key)) is not None:
+            self._oracles[end] = artifact.info.get("oracles") or {}
+        return self._oracles.get(end, {})
 
     def blocks(self, configuration: ConfigurationRuns) -> list[Block]:
         """Return recorded blocks that together cover most of the wanted runs."""

@@ -13,6 +13,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec, TypeAlias, TypeVar
@@ -199,7 +200,8 @@ def compute(
             artifacts.append(trace)
             verdicts_key = keys.verdicts(checked, recordings.content, trace.content)
             if (verdicts := store.find(verdicts_key)) is None:
-                answered(judge, store, recordings.key, trace_key, verdicts_key, scenario, oracles)
+                arguments = (store, recordings.key, trace_key, verdicts_key, scenario, oracles, keys.by_oracle)
+                answered(judge, *arguments)
                 verdicts = store.find(verdicts_key)
             artifacts += [verdicts] if verdicts else []
     took_s, cpu_s = time.monotonic() - began_s, sum(os.times()[:4]) - before_s
@@ -213,25 +215,45 @@ def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> N
     store.put(key, {TRACES: observe_block(scenario, store.read(recording_key, RECORDINGS))})
 
 
-def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: Shared) -> None:
+def judge(
+    store: Store,
+    recording_key: str,
+    trace_key: str,
+    key: str,
+    scenario: Scenario,
+    oracles: Shared,
+    keyed: Mapping[str, str],
+    held: Mapping[str, Sequence[str]] | None = None,
+) -> None:
     """Judge one block and store the verdicts, with the judgement of each run and the causes of failures.
 
     Args:
         oracles: Pickled, so that a plug-in that can't be imported is an error of this unit alone.
+        keyed: See `Keys.by_oracle`.
+        held: See `Index.held`; these oracles do not judge again.
     """
     from vastflow.oracles.judgement.judge import judge_block
-    from vastflow.oracles.judgement.verdict import run_judgement, write_verdicts
+    from vastflow.oracles.judgement.verdict import Verdict, read_verdicts, run_judgement, write_verdicts
 
+    kept: list[Verdict] = []
+    for beside, names in (held or {}).items():
+        with suppress(Lost):  # those judge again
+            kept += [each for each in read_verdicts(store.read(beside, VERDICTS)) if each.oracle in names]
+    known = {verdict.oracle for verdict in kept}
     recordings, traces = store.read(recording_key, RECORDINGS), store.read(trace_key, TRACES)
     recorded = store.find(recording_key)
     outputs = store.load(recorded, OUTPUTS) if recorded is not None and OUTPUTS in recorded.files else None
-    judged = judge_block(scenario, recordings, traces, oracles(), outputs)
+    judging = [oracle for oracle in oracles() if oracle.name not in known]
+    judged = judge_block(scenario, recordings, traces, judging, outputs, kept)
     said: dict[int, list[Any]] = {}
     for verdict in judged.verdicts:
         said.setdefault(verdict.run_index, []).append(verdict.judgement)
     together = [[run_index, run_judgement(judgements)] for run_index, judgements in said.items()]
-    info = {"runs": together, "causes": [list(each) for each in judged.causes.items()]}
-    store.put(key, {VERDICTS: write_verdicts(judged.verdicts)}, info)
+    causes = [list(each) for each in judged.causes.items()]
+    info = {"runs": together, "causes": causes, "oracles": dict(keyed)}
+    # The order in which oracles are asked is in no key.
+    verdicts = sorted(judged.verdicts, key=lambda verdict: (verdict.run_index, verdict.oracle))
+    store.put(key, {VERDICTS: write_verdicts(verdicts)}, info)
 
 
 def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[str, Value]) -> None:

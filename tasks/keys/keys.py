@@ -4,6 +4,7 @@ import os
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 
@@ -25,6 +26,8 @@ OBSERVE_SOURCE: Final = ("vastflow.oracles.observation.observe",)
 JUDGE_SOURCE: Final = ("vastflow.oracles.judgement.judge",)
 EVALUATE_SOURCE: Final = ("vastflow.producers.model.producer",)
 
+_TOGETHER_DIGITS: Final = 32
+
 _SELECTING_FEATURES: Final = frozenset(
     {"fma", "avx2", "avx512f", "avx512cd", "avx512bw", "avx512dq", "avx512vl", "asimd", "asimdhp", "sve", "sve2"}
 )
@@ -42,15 +45,18 @@ _NUMBA_FILE: Final = ".numba_config.yaml"
 """Numba reads it in the working directory."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Keys:
     """Makes the keys of one campaign's artifacts: `<stage>/<two digits>/<digest>`.
 
+    Keys of verdicts end with a digest of the oracles. What is before it is the same for any oracles, so that verdicts of those that
+    are asked again are found beside.
+
     Attributes:
         numeric: See `numeric_class`.
-        execute_source, observe_source, judge_source: Source digests of the stages.
+        execute_source, observe_source, judge_source: Source digests of the stages, without that of an oracle.
         seed: `execution.seed`.
-        oracles: Name and parameters of each oracle, in order.
+        oracles: Name, and digest of source and parameters, of each oracle, in order.
         sources: Files behind the source digests; None where nothing is computed under these keys.
     """
 
@@ -59,7 +65,7 @@ class Keys:
     observe_source: str
     judge_source: str
     seed: int
-    oracles: Sequence[Value]
+    oracles: Sequence[tuple[str, str]]
     sources: SourceFiles | None = field(default=None, compare=False, repr=False)
 
     @property
@@ -67,8 +73,17 @@ class Keys:
         """Digest of all in the keys of recordings, traces, and verdicts but scenarios and contents."""
         return digest(
             *(LAYOUT, self.numeric, self.execute_source, self.observe_source, self.judge_source, self.seed),
-            list(self.oracles),
+            [list(oracle) for oracle in self.oracles],
         )
+
+    @cached_property
+    def by_oracle(self) -> Mapping[str, str]:
+        """`oracles` in no order, as no verdict depends on it."""
+        return dict(self.oracles)
+
+    @cached_property
+    def _together(self) -> str:
+        return digest(self.by_oracle)[:_TOGETHER_DIGITS]
 
     def recordings(self, scenario: str) -> str:
         """Key above the blocks of a scenario's runs, independent of their number.
@@ -84,7 +99,7 @@ class Keys:
 
     def verdicts(self, scenario: str, recording: str, trace: str) -> str:
         """Key of the verdicts on one block; `recording` and `trace` are content digests."""
-        return self._key("judge", self.judge_source, scenario, recording, trace, self.oracles)
+        return f"{self._key('judge', self.judge_source, scenario, recording, trace)}-{self._together}"
 
     def evaluation(self, source: str, producer: str, parameters: Value, inputs: str) -> str:
         """Key of a producer's evaluation, by its source digest, name, and parameters, and the input's digest."""

@@ -135,7 +135,7 @@ _PROMISE: Final = TypeAdapter(_Promise)
 _JUDGED: Final = TypeAdapter[Any](list[tuple[int, str]])
 _FACTS: Final[Mapping[str, Mapping[str, TypeAdapter[Any]]]] = {
     "execute": {"runs": TypeAdapter(list[tuple[int, float]])},
-    "judge": {"runs": _JUDGED, "causes": _JUDGED},
+    "judge": {"runs": _JUDGED, "causes": _JUDGED, "oracles": TypeAdapter(dict[str, str] | None)},
     "rows": {"counted": TypeAdapter(list[tuple[str | None, str, int]]), "stood_still": TypeAdapter(int)},
     "search": {"batches": TypeAdapter(int)},
 }
@@ -199,9 +199,14 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """Stored artifacts of a block."""
+    """Stored artifacts of a block.
+
+    Attributes:
+        lacking: Names of the oracles whose verdicts on the trace are in no artifact; None where that is not known.
+    """
 
     block: Block
     recordings: Artifact
     trace: Artifact | None
     verdicts: Artifact | None
+    lacking: frozenset[str] | None = None

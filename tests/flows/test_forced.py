@@ -140,6 +140,6 @@ def test_campaign_interrupted_after_a_stage_was_forced_is_completed_by_the_next_
         patch.setattr("vastflow.flows.api._computed", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run(force="judge")
-    assert written(place).keys() == before.keys() - {"judge"}
+    assert "judge" not in written(place)
     assert run().summary.reused == 4
     assert written(place)["judge"].keys() == before["judge"].keys()

@@ -107,6 +107,8 @@ RUNS = ("dry.vast", "runs: 2", "runs: 5")
 LEAST = ("dry.vast", "least_m: 0.1", "least_m: 0.2")
 FRONT = ("dry.vast", "configuration:\n", "configuration:\n" + FAMILY)
 
+GATHERED = "all verdicts are in the store; causes of failures follow from them anew"
+
 NOTHING = (0, 0, 0, 0)
 CASES = {
     "a noise level": (
@@ -137,6 +139,16 @@ CASES = {
         [("dry.vast", "    - driven", "    - safety: {}\n    - driven")],
         (0, 0, 0, 4),
         {"judge": "oracle changed: oracle safety is new"},
+    ),
+    "another oracle instead": (
+        [("dry.vast", "driven.py:Driven: {least_m: 0.1}", "safety: {}")],
+        (0, 0, 0, 4),
+        {"judge": "oracle changed: oracle safety is new"},
+    ),
+    "no oracle": (
+        [("dry.vast", "    - driven.py:Driven: {least_m: 0.1}", "    - success: {}")],
+        NOTHING,
+        {"judge": f"oracle changed: oracle driven.py:Driven is gone: {GATHERED}"},
     ),
     "an oracle's code": (
         [("driven.py", "distance=trace.run.distance_m", "distance=2 * trace.run.distance_m")],
@@ -234,6 +246,33 @@ def test_run_computes_planned_work(again, edits):
     assert again.run().summary.executed == said["execute"]
     assert {stage: number - before[stage] for stage, number in again.counted().items()} == said
     assert computed(again.dry()) == dict.fromkeys(STAGES, 0)
+
+
+def tables(directory):
+    return [(directory / f"{name}.parquet").read_bytes() for name in ("verdicts", "runs", "configurations")]
+
+
+def test_run_of_edited_oracles_equals_fresh_campaign(again):
+    """An oracle is added, both are swapped, and one is removed."""
+    driven, safety = "    - driven.py:Driven: {least_m: 0.1}\n", "    - safety: {}\n"
+    edited(again.folder, ("dry.vast", driven, safety + driven))
+    before = again.run()
+    for old, new, words in [
+        (safety + driven, driven + safety, []),
+        (driven + safety, safety, [("oracle changed", f"oracle driven.py:Driven is gone: {GATHERED}", 0)]),
+    ]:
+        found = again.dry(("dry.vast", old, new), results=again.folder / "results")
+        assert (reasons(found, "judge"), tuple(computed(found).values())) == (words, NOTHING)
+        found = again.run()
+        fresh = again.folder / f"fresh {len(words)}"
+        shutil.copytree(again.store, fresh, ignore=shutil.ignore_patterns("judge", "rows", "report"))
+        alike = run_campaign(again.folder / "dry.vast", results=again.folder / "others", store=fresh, workers=2)
+        assert tables(found.directory) == tables(alike.directory)
+        assert tables(found.directory)[0] != tables(before.directory)[0]
+        before = found
+        why = json.loads((found.directory / "metadata.json").read_text())["why"]
+        (row,) = [row for row in why if row["stage"] == "judge"]
+        assert (row["reused"], row["computed"], row["why"]) == (4, 0, "; ".join(said for _, said, _ in words))
 
 
 def test_run_of_edited_kernel_matches_plan(again, monkeypatch):

@@ -4,8 +4,8 @@ A campaign of everything that a key is made of, a producer, an oracle and a note
 map, a scenario file and a program, is computed once. Then, for each edit of the table, a copy of it and of vastflow's own
 source is edited, and computed again over a copy of the store.
 
-Counted is what happens, not what a key says: the program, the producer and the oracle write a line into a file each time they are
-called; traces are counted as artifacts that are new. The table says of each edit what it must compute again, and what it must not.
+Counted is what happens, not what a key says: the program, the producer, the oracle (`judged`) and the notebook (`looked`) write lines
+into a file each time they are called; traces and verdicts are counted as artifacts that are new. The table says of each edit what it must compute again, and what it must not.
 Edits of `ROBOT` are those of a second campaign, in which a robot drives: its runs are counted as they are recorded.
 
     python tests/proofs/invalidation.py [--only WORDS] [--json]
@@ -26,12 +26,17 @@ from typing import Final, TypeAlias
 from invalidation_bed import BLOCKS, COUNTED, DRIVES, RUNS, Bed, appended, replaced, verdicts
 
 NOTHING: Final[Mapping[str, int]] = dict.fromkeys(COUNTED, 0)
-JUDGED: Final[Mapping[str, int]] = {**NOTHING, "judged": RUNS}
+GATHERED: Final[Mapping[str, int]] = {**NOTHING, "gathered": BLOCKS}
+"""Verdicts that are there, or of an oracle of vastflow's own, and causes of failures."""
+JUDGED: Final[Mapping[str, int]] = {**GATHERED, "judged": RUNS}
+LOOKED: Final[Mapping[str, int]] = {**GATHERED, "looked": RUNS}
 EVALUATED: Final[Mapping[str, int]] = {**NOTHING, "evaluated": 1}
-ONE_BLOCK: Final[Mapping[str, int]] = {**NOTHING, "judged": RUNS // BLOCKS}
-ALL: Final[Mapping[str, int]] = {"evaluated": 1, "executed": RUNS, "judged": RUNS}
+ONE_BLOCK: Final[Mapping[str, int]] = {**NOTHING, "judged": RUNS // BLOCKS, "looked": RUNS // BLOCKS}
+ALL: Final[Mapping[str, int]] = {"evaluated": 1, "executed": RUNS, "judged": RUNS, "looked": RUNS}
 DRIVEN: Final[Mapping[str, int]] = {"executed": DRIVES}
 KEPT: Final[Mapping[str, int]] = {"executed": 0}
+ASKED_JUDGE: Final = "    - judge.py:Judge: {limit: 5}\n"
+ASKED_LOOK: Final = "    - look.ipynb: {most: 7}\n"
 
 Counts: TypeAlias = Mapping[str, int]
 Edit: TypeAlias = Callable[[Bed], object]
@@ -90,6 +95,7 @@ MUST_NOT: Final[Mapping[str, Edit]] = {
     "campaign: a family's name": swap("x.vast", "- name: room", "- name: hall"),
     "campaign: fewer runs": swap("x.vast", "runs: 2", "runs: 1"),
     "campaign: its folder's name": renamed_campaign,
+    "campaign: oracles in another order": swap("x.vast", ASKED_JUDGE + ASKED_LOOK, ASKED_LOOK + ASKED_JUDGE),
     "campaign: a parameter's default written out": swap("x.vast", "runs: 2", "runs: 2\n  seed: 0"),
     "oracle: a comment": add("judge.py"),
     "oracle: ends of lines": lambda bed: bed.file("judge.py").write_bytes(
@@ -129,7 +135,23 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
     "campaign: a producer's parameter": (swap("x.vast", "factor: 2", "factor: 3"), executed(RUNS, 1)),
     "campaign: a parameter that a producer reads": (swap("x.vast", "base: 1", "base: 4"), executed(RUNS, 1)),
     "campaign: an oracle's parameter": (swap("x.vast", "limit: 5", "limit: 6"), JUDGED),
-    "campaign: an oracle is gone": (swap("x.vast", "    - look.ipynb: {most: 7}\n", ""), JUDGED),
+    "campaign: an oracle is gone": (swap("x.vast", ASKED_LOOK, ""), GATHERED),
+    "campaign: the other oracle is gone": (swap("x.vast", ASKED_JUDGE, ""), GATHERED),
+    "campaign: an oracle of vastflow's own is added": (
+        swap("x.vast", ASKED_LOOK, ASKED_LOOK + "    - safety: {}\n"),
+        GATHERED,
+    ),
+    "campaign: an oracle is added": (
+        lambda bed: (
+            shutil.copy(bed.file("judge.py"), bed.file("other.py")),
+            bed.replace("x.vast", ASKED_JUDGE, "    - other.py:Judge: {limit: 5}\n" + ASKED_JUDGE),
+        ),
+        JUDGED,
+    ),
+    "campaign: an oracle is gone, and a parameter of the other": (
+        swap("x.vast", ASKED_JUDGE + ASKED_LOOK, ASKED_JUDGE.replace("5", "6")),
+        JUDGED,
+    ),
     "program: its text": (add("program.py"), executed(RUNS)),
     "scenario: its text": (swap("drive.osc", "timeout(60s)", "timeout(50s)"), executed(RUNS)),
     "producer: code": (swap("own.py", "offset + self", "2 * offset + self"), EVALUATED),
@@ -148,8 +170,9 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
     "oracle: its data": (text("data/table.txt", "2"), JUDGED),
     "helper: a constant": (text("limits.py", "HIGHEST = 4\n"), JUDGED),
     "package: a constant of a module's module": (text("lib/deeper.py", "DEEP = 2\n"), JUDGED),
-    "notebook: code": (lambda bed: cell(bed, 1, "source", "most = 4"), JUDGED),
-    "notebook: its data": (text("look.txt", "2"), JUDGED),
+    "campaign: the notebook's parameter": (swap("x.vast", "most: 7", "most: 8"), LOOKED),
+    "notebook: code": (lambda bed: cell(bed, 1, "source", "most = 4"), LOOKED),
+    "notebook: its data": (text("look.txt", "2"), LOOKED),
     "the version of what an oracle imports": (option("--version=httpx=99.0"), JUDGED),
     "the version of numpy": (option("--version=numpy=99.0"), executed(RUNS, 1)),
     "Python's minor version": (option("--python=3.99"), executed(RUNS, 1)),
@@ -158,11 +181,11 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
     "vastflow: a kernel of a controller": (code("sim/nav2/controllers/dwb_critics.py"), executed(RUNS)),
     "vastflow: an oracle's default value": (
         swap("vastflow/oracles/catalog/success.py", "allow_missed: bool = False", "allow_missed: bool = True"),
-        JUDGED,
+        GATHERED,
     ),
     "the version of numba": (option("--version=numba=99.0"), executed(RUNS, 1)),
     "vastflow: code of the observing": (code("oracles/observation/observe.py"), {**NOTHING, "observed": BLOCKS}),
-    "vastflow: code of the judging": (code("oracles/judgement/judge.py"), JUDGED),
+    "vastflow: code of the judging": (code("oracles/judgement/judge.py"), {**JUDGED, "looked": RUNS}),
     "vastflow: what every producer extends": (code("producers/model/producer.py"), EVALUATED),
     "a damaged artifact": (
         lambda bed: next((bed.folder / "store" / "judge").glob("*/*/verdicts.json")).write_text("[]"),
@@ -180,9 +203,13 @@ ROBOT: Final[Mapping[str, tuple[Edit, Counts]]] = {
     "its Nav2 file: a default value written out": (swap("nav2.yaml", "alpha1: 0.3", "alpha1: 0.3, alpha2: 0.2"), KEPT),
     "its Nav2 file: a node that is not simulated": (add("nav2.yaml", "other:\n  ros__parameters: {rate: 3}\n"), KEPT),
     "its Nav2 file: another value": (swap("nav2.yaml", "alpha1: 0.3", "alpha1: 0.31"), DRIVEN),
-    "a default value of a parameter that it leaves out": (
-        swap("vastflow/sim/nav2/parameters/amcl.py", "alpha3: float = parameter(0.2", "alpha3: float = parameter(0.21"),
+    "a default value that Nav2's code declares of a parameter that it leaves out": (
+        swap("vastflow/sim/nav2/parameter_files/declared.txt", "alpha3=0.2@", "alpha3=0.21@"),
         DRIVEN,
+    ),
+    "a default value that counts without a file only": (
+        swap("vastflow/sim/nav2/parameters/amcl.py", "alpha3: float = parameter(0.2", "alpha3: float = parameter(0.21"),
+        KEPT,
     ),
     "its map: a pixel": (swap("maps/hall.pgm", "254", "0"), DRIVEN),
     "its goal": (swap("driven.vast", "x: 1.4", "x: 1.5"), DRIVEN),

@@ -1,7 +1,7 @@
 """A campaign with every ingredient of a key, and a copy of vastflow's source.
 
-What its calls compute is counted: the program, the producer and the oracle write a line into a file each time they are called;
-traces are counted as artifacts that are new, as are the runs in which a robot drives.
+What its calls compute is counted: the program, the producer, the oracle and the notebook write lines into a file each time they are
+called; traces and verdicts are counted as artifacts that are new, as are the runs in which a robot drives.
 """
 
 import json
@@ -55,12 +55,14 @@ execution:
   runs: 2
 """
 
+LOG: Final = 'with open("LOG.looked", "a") as log:\n    log.write("x\\n" * len(runs["run_index"]))'
 LOOK: Final = 'files = ["look.txt"]\nmetrics = {"look": "1"}\nlook = int(open("look.txt").read())'
 SAY: Final = 'verdicts = [{"run_index": i, "judgement": "pass", "look": look} for i in runs["run_index"].to_pylist()]'
 CELLS: Final = (
     ("markdown", {}, "Looks."),
     ("code", {"tags": ["parameters"]}, "most = 3"),
     ("code", {}, LOOK),
+    ("code", {}, LOG),
     ("code", {}, SAY),
 )
 NOTEBOOK: Final = {
@@ -158,7 +160,7 @@ class Judge(Oracle[JudgeParameters]):
     "maps/room.pgm": "P2 4 4 255\n" + "254 254 254 254\n" * 4,
 }
 
-COUNTED: Final = ("evaluated", "executed", "observed", "judged")
+COUNTED: Final = ("evaluated", "executed", "observed", "judged", "looked", "gathered")
 RUNS: Final = 4
 BLOCKS: Final = 4
 """So many blocks they are: one of each run, as the last runs of a campaign have blocks of their own."""
@@ -228,10 +230,10 @@ class Bed:
         return {name: after - before[name] for name, after in self._totals().items()}
 
     def _totals(self) -> dict[str, int]:
-        logs = {name: self.folder.parent / f"log.{name}" for name in COUNTED if name != "observed"}
+        logs = {name: self.folder.parent / f"log.{name}" for name in COUNTED if name not in ("observed", "gathered")}
         lines = {name: log.read_text().count("x") if log.exists() else 0 for name, log in logs.items()}
         driven = {"executed": self._blocks("execute")} if self.vast != "x.vast" else {}
-        return {**lines, **driven, "observed": self._blocks("observe")}
+        return {**lines, **driven, "observed": self._blocks("observe"), "gathered": self._blocks("judge")}
 
     def _blocks(self, stage: str) -> int:
         return len(list((self.folder / "store" / stage).rglob("manifest")))

@@ -11,7 +11,7 @@ KEYS = Keys(
     observe_source="o" * 64,
     judge_source="j" * 64,
     seed=0,
-    oracles=[["success", {}], ["performance", {"rmse_threshold": 0.5}]],
+    oracles=[("success", "s" * 64), ("performance", "p" * 64)],
 )
 SCENARIO, RECORDING, TRACE = "1" * 64, "2" * 64, "3" * 64
 
@@ -24,7 +24,7 @@ def test_keys_are_pinned():
     assert keys_of(KEYS) == (
         "execute/74/749c3dc748885c132e1d12d13ed6ed7a6c75afa5c1ed5d2163ea358aa58e21f0",
         "observe/be/be14b40a7643032924faa79105527bc614c00360f880453a94500d080dbbb4ac",
-        "judge/2b/2bacf7ebf3260a2487ceac7361b4a97f825ac20ad325c4d8d682da1309b8eaab",
+        "judge/ff/ff3d642a86fdad016406a217e078ef7e68c23bfbfaa5a5f7a393a40079610f3d-67cf820ad88027d3f7b1d16e6c23e209",
     )
     assert (
         KEYS.evaluation("p" * 64, "ParameterVariationList", {"name": "x"}, SCENARIO)
@@ -36,7 +36,11 @@ def test_keys_are_pinned():
     "changed, stages",
     [
         ({"seed": 1}, [True, False, False]),
-        ({"oracles": [["success", {}], ["performance", {"rmse_threshold": 0.6}]]}, [False, False, True]),
+        ({"judge_source": "x"}, [False, False, True]),
+        ({"oracles": [("success", "s" * 64), ("performance", "q" * 64)]}, [False, False, True]),
+        ({"oracles": [("success", "s" * 64), ("speed", "p" * 64)]}, [False, False, True]),
+        ({"oracles": [("success", "s" * 64)]}, [False, False, True]),
+        ({"oracles": KEYS.oracles[::-1]}, [False, False, False]),
         ({"observe_source": "x"}, [False, True, False]),
         ({"numeric": "aarch64"}, [True, True, True]),
     ],
@@ -44,6 +48,13 @@ def test_keys_are_pinned():
 def test_change_affects_only_keys_of_its_stages(changed, stages):
     pairs = zip(keys_of(KEYS), keys_of(replace(KEYS, **changed)), strict=True)
     assert [before != after for before, after in pairs] == stages
+
+
+@each_row("changed, is_same", [({"oracles": []}, True), ({"judge_source": "x"}, False)])
+def test_keys_of_verdicts_of_other_oracles_differ_in_their_end_alone(changed, is_same):
+    before, after = (keys_of(keys)[2].rpartition("-") for keys in (KEYS, replace(KEYS, **changed)))
+    assert (before[0] == after[0]) == is_same
+    assert (before[2] == after[2]) != is_same
 
 
 def test_numeric_class_names_selectors_of_function_variants():

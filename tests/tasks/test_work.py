@@ -132,8 +132,10 @@ def test_judging_stores_overall_judgements(store, simulate):
     work.execute(store, "execute/ab/key", SCENARIO, 0, 2, 0)
     work.observe(store, "execute/ab/key/0-2", "observe/ab/key", SCENARIO)
     oracles = partial(oracles_of, [])
-    work.judge(store, "execute/ab/key/0-2", "observe/ab/key", "judge/ab/key", SCENARIO, oracles)
-    assert store.find("judge/ab/key").info == {"runs": [[0, "pass"], [1, "pass"]], "causes": []}
+    keyed = {"success": "s" * 64}
+    work.judge(store, "execute/ab/key/0-2", "observe/ab/key", "judge/ab/key", SCENARIO, oracles, keyed)
+    found = store.find("judge/ab/key").info
+    assert found == {"runs": [[0, "pass"], [1, "pass"]], "causes": [], "oracles": keyed}
     assert [verdict.run_index for verdict in read_verdicts(store.read("judge/ab/key", work.VERDICTS))] == [0, 1]
 
 
@@ -149,6 +151,7 @@ def test_oracle_that_cannot_be_unpickled_is_reported(store, simulate):
         "judge/ab/key",
         SCENARIO,
         partial(pickle.loads, b"junk"),
+        {},
     )
     assert isinstance(answer, Broken)
 
