@@ -11,10 +11,11 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import pyarrow.compute as pc
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from vastflow.deployments.explorer.packed import packed
 from vastflow.oracles.figures.scene import known_cells, known_extent_m, zones_of
-from vastflow.oracles.judgement.verdict import run_judgement
+from vastflow.oracles.judgement.verdict import Metric, run_judgement
 from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, trace_of
@@ -45,6 +46,7 @@ SIGNALS: Final[Sequence[tuple[str, str, Mapping[str, str]]]] = (
 )
 """Title, unit, and lines of the plots below the map; the lines are stored columns of thousandths."""
 
+_METRICS: Final = TypeAdapter(dict[str, Metric])
 NO_POINTS: Final = np.empty((0, 2))
 FREE, WALL, UNKNOWN = 0, 1, 2
 """Cells of maps in a reply; those of masks are 0 to 100."""
@@ -92,11 +94,20 @@ def stored_run(directory: Path, configuration: str, run_index: int) -> StoredRun
             raise UnusableDirectory(
                 f"{directory.name}: {name}: expected the number of a run, {numbers}, got {run_index}"
             )
+        for verdict in verdicts:
+            _check_metrics(verdict["metrics"])
         scenario = scenario_of_row(row, KeptFiles(directory))
         return StoredRun(name, run_index, scenario, *_recorded(directory, name, run_index), verdicts)
 
 
 _Recorded: TypeAlias = tuple[Recording | None, NDArray[np.float64], Mapping[str, NDArray[np.int32]]]
+
+
+def _check_metrics(text: str) -> None:
+    try:
+        _METRICS.validate_json(text)
+    except ValueError:
+        raise ValueError(f"verdicts.parquet: metrics: expected values with units by name, got {text[:60]!r}") from None
 
 
 def _recorded(directory: Path, name: str, run_index: int) -> _Recorded:

@@ -1,5 +1,6 @@
 """Damages of campaign directories that somebody hands in: files of another kind, and content that no campaign writes."""
 
+import copy
 import json
 import os
 import random
@@ -76,7 +77,7 @@ def with_values(file: Path, rng: random.Random) -> None:
             holder = holder[key]
             key = rng.choice([*holder]) if isinstance(holder, dict) else rng.randrange(len(holder))
         if holder is not whole or rng.random() < 0.1:
-            holder[key] = rng.choice(VALUES)
+            holder[key] = copy.deepcopy(rng.choice(VALUES))
     file.write_text(json.dumps(whole[""]))
 
 

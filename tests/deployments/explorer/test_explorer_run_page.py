@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from unpacked import unpacked
 
@@ -103,6 +105,18 @@ def test_run_page_of_deleted_campaign_is_a_sentence(client, add_campaign, id_of,
     assert "damaged campaign directory" in reply.text
     directory.rename(results.parent / "elsewhere")
     assert client.get("/run", params=of(campaign)).status_code == 404
+
+
+@pytest.mark.parametrize("metrics", ["[]", '{"x": [1]}', '{"x": {"value": "a", "unit": 3}}'])
+def test_run_page_of_metrics_without_values_is_a_sentence(client, add_campaign, id_of, metrics):
+    directory = add_campaign(3, {"quiet": [1]})
+    file = directory / "verdicts.parquet"
+    table = pq.read_table(file)
+    column = table.schema.get_field_index("metrics")
+    pq.write_table(table.set_column(column, "metrics", pa.array([metrics] * len(table))), file)
+    reply = client.get("/run", params=of(id_of(directory)))
+    assert reply.status_code == 409
+    assert "expected values with units by name" in reply.text
 
 
 def test_run_page_offers_runs_of_its_configuration_beside(client, add_campaign, id_of):
