@@ -101,9 +101,10 @@ class Index:
         found: dict[str, list[str]] = {}
         for each in self._beside[folder].get(name.partition("-")[0], ()):
             oracles = self._together(f"{folder}/{each}") if wanted and each != name else {}
-            if names := [name for name, content in wanted.items() if oracles.get(name) == content]:
-                found[f"{folder}/{each}"] = names
-                wanted = {name: content for name, content in wanted.items() if name not in names}
+            there = wanted.items() & oracles.items()
+            if there and self.store.find(f"{folder}/{each}") is not None:
+                found[f"{folder}/{each}"] = sorted(oracle for oracle, _ in there)
+                wanted = dict(wanted.items() - there)
         return found
 
     def _together(self, key: str) -> Mapping[str, str]:

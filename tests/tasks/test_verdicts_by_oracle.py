@@ -14,6 +14,7 @@ from vastflow.tasks.engine.instantiation import Instantiator
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.work import VERDICTS
 from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.remote_files import RemoteFiles
 from vastflow.tasks.store.store import open_store
 
 RUNS = 3
@@ -61,6 +62,7 @@ class Campaign:
 
     def __init__(self, folder):
         self.folder = folder
+        self.store = str(folder / "store")
         self.log = folder / "log"
         (folder / "wait.osc").write_text(WAIT)
         (folder / "x.vast").write_text(VAST)
@@ -73,26 +75,27 @@ class Campaign:
         assert old in text
         (self.folder / file).write_text(text.replace(old, new))
 
-    def index(self, store="store"):
+    def index(self, place=None):
         campaign, oracles = read_campaign(self.folder / "x.vast")
-        tree, store = installed_tree(), open_store(self.folder / store)
+        tree, store = installed_tree(), open_store(place or self.store)
         keys = campaign_keys(tree, campaign.seed, oracles)
         found = Instantiator(campaign, store, keys, tree).instantiated(lambda requests: {})
         (configuration,) = distinct_configurations(found.instantiation, campaign.runs)
         return Index(store, keys), configuration, oracles
 
-    def judged(self, store="store"):
+    def judged(self, place=None, executor=AtOnce):
         """Compute the campaign, and return how often each oracle judged."""
         self.log.write_text("")
-        index, configuration, oracles = self.index(store)
-        engine = Engine(index, AtOnce(), Tally(), oracles)
+        index, configuration, oracles = self.index(place)
+        engine = Engine(index, executor(), Tally(), oracles)
+        next(engine.attempts())
         engine.judge([configuration], engine.observe([configuration], engine.execute([configuration]).made).made)
         assert engine.faults == ()
         return Counter(self.log.read_text().split())
 
-    def verdicts(self, store="store"):
+    def verdicts(self, place=None):
         """Verdicts as they are stored, judgements and causes."""
-        index, configuration, _ = self.index(store)
+        index, configuration, _ = self.index(place)
         stored = [each.verdicts for each in index.stored(configuration)]
         return [(index.store.load(verdicts, VERDICTS), verdicts.info) for verdicts in stored]
 
@@ -121,11 +124,39 @@ EDITS = {
 def test_edit_lets_only_oracles_without_verdicts_judge(campaign, edit, expected):
     campaign.edit(*edit)
     assert campaign.judged() == expected
+    fresh = campaign.folder / "fresh"
     for stage in ("execute", "observe"):
-        shutil.copytree(campaign.folder / "store" / stage, campaign.folder / "fresh" / stage)
-    campaign.judged("fresh")
-    assert campaign.verdicts() == campaign.verdicts("fresh")
+        shutil.copytree(campaign.folder / "store" / stage, fresh / stage)
+    campaign.judged(fresh)
+    assert campaign.verdicts() == campaign.verdicts(fresh)
     assert campaign.judged() == {}
+
+
+def test_edit_on_s3_copies_verdicts_and_lists_nothing_for_them(tmp_path, s3, monkeypatch):
+    campaign, names, asked = Campaign(tmp_path), RemoteFiles.names, []
+    campaign.store = s3
+    monkeypatch.setattr(RemoteFiles, "names", lambda files, key: [asked.append(key), *names(files, key)][1:])
+    assert campaign.judged() == {"First": RUNS, "Second": RUNS}
+    campaign.edit("x.vast", FIRST + SECOND, SECOND + THIRD)
+    assert campaign.judged() == {"Third": RUNS}
+    campaign.judged(tmp_path / "fresh")
+    assert campaign.verdicts() == campaign.verdicts(tmp_path / "fresh")
+    assert [key for key in asked if key.startswith("judge")] == []
+
+
+class WholeUnits(AtOnce):
+    """Brings runs through all stages in one call, as a cluster does."""
+
+    whole_units = True
+
+
+def test_cluster_copies_verdicts_of_recorded_runs(tmp_path):
+    campaign = Campaign(tmp_path)
+    assert campaign.judged(executor=WholeUnits) == {"First": RUNS, "Second": RUNS}
+    campaign.edit("x.vast", FIRST, THIRD + FIRST)
+    assert campaign.judged(executor=WholeUnits) == {"Third": RUNS}
+    campaign.judged(tmp_path / "fresh", WholeUnits)
+    assert campaign.verdicts() == campaign.verdicts(tmp_path / "fresh")
 
 
 def test_edit_and_its_reverse_judge_nothing_twice(campaign):
@@ -170,7 +201,7 @@ def test_verdicts_of_before_lack_oracles_of_their_own(campaign):
     campaign.edit("x.vast", SECOND, "")
     index, _, _ = campaign.index()
     wanted = index.verdicts_key(configuration, stored.block, stored.trace.content)
-    assert index.held(wanted) == {stored.verdicts.key: ["success", "first.py:First"]}
+    assert index.held(wanted) == {stored.verdicts.key: ["first.py:First", "success"]}
     assert index.store.find(key) is not None
 
 
