@@ -48,7 +48,7 @@ def params(
 
 
 def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[str, int]) -> Mapping[str, Any]:
-    from vastflow.sim.nav2.parameter_files.command_chain import command_chain
+    from vastflow.sim.nav2.parameter_files.command_chain import command_chain, filter_chains
     from vastflow.sim.nav2.parameter_files.document import dotted
     from vastflow.sim.nav2.parameter_files.findings import left_out, omitted
     from vastflow.sim.nav2.parameter_files.refusals import refusals
@@ -82,6 +82,7 @@ def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping
         "nav2_release": release_of(found.document),
         "release_differences": [change._asdict() for change in changes_since_jazzy(found.document, kinds)],
         "command_chain": command_chain(found.document, found.left_away),
+        "filter_chains": [*filter_chains(found.reader)],
         "nodes_of_jazzy": found.replaced,
         "nodes_of_code": found.absent,
         "nodes_left_away": found.left_away,
@@ -92,7 +93,7 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
     from vastflow.flows.terminal.display import printed, terminal_table
     from vastflow.producers.campaign_file.nav2_parameters import short
     from vastflow.producers.model.faults import shown
-    from vastflow.sim.nav2.parameter_files.command_chain import command_chain
+    from vastflow.sim.nav2.parameter_files.command_chain import command_chain, filter_chains
     from vastflow.sim.nav2.parameter_files.findings import left_out, omitted
     from vastflow.sim.nav2.parameter_files.refusals import refusals
     from vastflow.sim.nav2.parameter_files.releases import changes_since_jazzy, guessed_release
@@ -146,4 +147,6 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
     for change in changes_since_jazzy(found.document, {*found.reader.kinds.values()}):
         print(f"differs: since {change.since.title()} {change.words} ({change.source}); {change.here} here")
     print(f"commands: {command_chain(found.document, found.left_away)}")
+    for chain in filter_chains(found.reader):
+        print(f"filter: {chain}")
     print(*robot_words(robot_facts(found.parameters)), sep="\n")

@@ -3,7 +3,7 @@
 from table import each_row
 
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of, unused_because
-from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER, command_chain
+from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER, command_chain, filter_chains
 from vastflow.sim.nav2.parameter_files.document import parse
 from vastflow.sim.nav2.parameter_files.findings import findings
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
@@ -22,22 +22,72 @@ def with_speed_filter(said, heard):
 
 
 @each_row(
-    ("said", "heard", "meet"),
+    ("said", "heard", "meet", "limit"),
     [
-        ("", "", True),
-        (", speed_limit_topic: /speed_limit", "", True),
-        (", speed_limit_topic: zone", ", speed_limit_topic: /zone", True),
-        (", speed_limit_topic: zone", "", False),
-        (", speed_limit_topic: zone", ", speed_limit_topic: speed_limit", False),
-        ("", ", speed_limit_topic: other", False),
+        ("", "", True, "(speed_limit)"),
+        (", speed_limit_topic: /speed_limit", "", True, "(speed_limit)"),
+        (", speed_limit_topic: zone", ", speed_limit_topic: /zone", True, "(zone)"),
+        (", speed_limit_topic: zone", "", False, "(zone) ✗ (speed_limit)"),
+        (", speed_limit_topic: zone", ", speed_limit_topic: speed_limit", False, "(zone) ✗ (speed_limit)"),
+        ("", ", speed_limit_topic: other", False, "(speed_limit) ✗ (other)"),
     ],
 )
-def test_speed_limit_arrives_where_topics_meet(said, heard, meet):
+def test_speed_limit_arrives_where_topics_meet(said, heard, meet, limit):
     found = interpretation(parse(with_speed_filter(said, heard)))
     assert found.parameters.global_costmap.speed_filter.enabled == meet
+    assert [*filter_chains(found.reader)] == [f"mask → (info) → global_costmap/s → {limit} → controller"]
     assert any("no limit arrives" in consequence for _, consequence in found.reader.warnings.values()) != meet
     statuses = {each.status for each in findings(found) if "s" in each.path and each.path[-1] != "speed_limit_topic"}
     assert statuses == ({"modeled"} if meet else {"no effect"})
+
+
+INFO_TOPIC = "filter_info_topic: info"
+MASK = "filter_mask_server: {ros__parameters: {topic_name: /mask}}"
+
+
+@each_row(
+    ("kind", "info", "gap"),
+    [
+        ("Keepout", "{filter_info_topic: /info}", ""),
+        ("Keepout", "{filter_info_topic: other}", "listens on info, and costmap_filter_info_server publishes on other"),
+        ("Keepout", "{filter_info_topic: info, mask_topic: mask}", ""),
+        (
+            "Keepout",
+            "{filter_info_topic: info, mask_topic: zones}",
+            "names the mask zones, and filter_mask_server publishes on mask",
+        ),
+        ("Speed", "{filter_info_topic: info, type: 1, mask_topic: /mask}", ""),
+        (
+            "Speed",
+            "{filter_info_topic: other, type: 1}",
+            "listens on info, and costmap_filter_info_server publishes on other",
+        ),
+        ("Speed", "{filter_info_topic: info}", "has type 0, and a speed filter takes 1 or 2"),
+        (
+            "Speed",
+            "{filter_info_topic: info, type: 2, mask_topic: zones}",
+            "names the mask zones, and filter_mask_server publishes on mask",
+        ),
+    ],
+)
+def test_filter_whose_topics_do_not_meet_has_no_effect(kind, info, gap):
+    own = f"f: {{plugin: 'nav2_costmap_2d::{kind}Filter', {INFO_TOPIC}}}"
+    server = f"costmap_filter_info_server: {{ros__parameters: {info}}}"
+    mask = MASK if "mask_topic" in info else ""
+    text = f"global_costmap: {{global_costmap: {{ros__parameters: {{filters: [f], {own}}}}}}}\n{server}\n{mask}"
+    found = interpretation(
+        parse(f"controller_server: {{ros__parameters: {{controller_plugins: [A], A: {RPP}}}}}\n{text}")
+    )
+    assert getattr(found.parameters.global_costmap, f"{kind.lower()}_filter").enabled == (not gap)
+    assert any(gap in what for what, _ in found.reader.warnings.values()) == bool(gap)
+    (chain,) = filter_chains(found.reader)
+    assert ("✗" in chain, chain.startswith("mask → (info)"), gap in chain) == (bool(gap), True, True)
+
+
+def test_filter_beside_the_info_server_of_another_one_keeps_its_mask():
+    own = "k: {plugin: 'nav2_costmap_2d::KeepoutFilter', filter_info_topic: elsewhere}"
+    text = with_speed_filter("", "").replace("filters: [s]", f"filters: [s, k], {own}")
+    assert interpretation(parse(text)).parameters.global_costmap.keepout_filter.enabled
 
 
 def test_mask_of_an_unheard_speed_filter_has_a_reason(tmp_path):

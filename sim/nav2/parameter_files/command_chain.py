@@ -1,10 +1,10 @@
 """The chain of a command: controller, velocity smoother, collision monitor, base, joined by their topics."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Final
 
 from vastflow.sim.model.parameter import ParameterLocation
-from vastflow.sim.nav2.parameter_files.costmaps import topic_of
+from vastflow.sim.nav2.parameter_files.costmaps import TOPIC, filter_gap, topic_of
 from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, is_wild
 from vastflow.sim.nav2.parameter_files.reader import Reader
@@ -91,3 +91,22 @@ def command_chain(document: ParameterDocument, left_away: Collection[str]) -> st
         gap = "" if into == "cmd_vel_smoothed" else f" ✗ ({into})"
         through = f"{smoother} → (cmd_vel_smoothed){gap} "
     return f"controller{through}{'✗ ' if other == 'collision_monitor' else ''}→ collision_monitor → ({out}) → base"
+
+
+def filter_chains(reader: Reader) -> Iterator[str]:
+    """Draw the chain of each costmap filter, from its info server to the controller that a speed filter limits."""
+    document, declared = reader.document, declared_defaults()
+    for place, kind in reader.kinds.items():
+        if kind not in ("KeepoutFilter", "SpeedFilter") or reader.asked.get((*place, "enabled")) is False:
+            continue
+        topic = document.values.get((*place, TOPIC), "")
+        gap = filter_gap(document, place, kind)
+        chain = f"mask → ({topic}){' ✗' * bool(gap)} → {place[-3]}/{place[-1]}"
+        if kind == "SpeedFilter":
+            server = document.node("controller_server") or ()
+            said, heard = (
+                topic_of(document.values.get((*at, "speed_limit_topic"), declared[of]["speed_limit_topic"].default))
+                for at, of in ((place, kind), (server, "controller_server"))
+            )
+            chain += f" → ({said}){'' if said == heard else f' ✗ ({heard})'} → controller"
+        yield f"{chain}: {gap}" if gap else chain

@@ -64,27 +64,40 @@ def _filters(reader: Reader, filters: Sequence[Instance]) -> dict[str, Any]:
             _info(reader, each.place, is_needed=False)
             continue
         info = _info(reader, each.place, is_needed=field == "speed_filter")
-        if info is not None:
+        if gap := "" if info is None else filter_gap(reader.document, each.place, each.kind):
+            reader.asked[(*each.place, TOPIC)] = reader.document.values.get((*each.place, TOPIC), "")
+            reader.warnings[(*each.place, TOPIC)] = gap, "the filter gets no mask, and has no effect"
+            reader.unused[each.place] = gap
+        elif info is not None:
             found[field] = reader.instance_group(each, {name: (*info, name) for name in _INFO}, ["filter info"])
     return found
 
 
+def _topic_at(document: ParameterDocument, node: ParameterLocation, name: str, default: str) -> str:
+    return str(document.values.get((*node, name), default)).lstrip("/")
+
+
+def _info_servers(document: ParameterDocument) -> Mapping[ParameterLocation, str]:
+    """Return the info servers of a document with the topics that they publish on."""
+    servers = [node for node in document.nodes if is_info_server(document, node)]
+    return {node: _topic_at(document, node, TOPIC, _DEFAULT_TOPIC) for node in servers}
+
+
 def _info(reader: Reader, place: ParameterLocation, is_needed: bool) -> ParameterLocation | None:
-    """Return the info server of a filter, an empty path if it needs none, or None if it is missing.
+    """Return the info server of a filter, an empty path if it needs none, or None, with a fault, if it is missing.
 
     A keepout filter takes the mask's values as they are, whatever is said of them.
     """
     document = reader.document
     topic = reader.plain((*place, TOPIC), "").lstrip("/")
-    servers = [node for node in document.nodes if is_info_server(document, node)]
-    found = [n for n in servers if str(document.values.get((*n, TOPIC), _DEFAULT_TOPIC)).lstrip("/") == topic]
+    found = [node for node, said in _info_servers(document).items() if said == topic]
     reader.kinds |= dict.fromkeys(found, "filter info")
     if len(found) > 1 and is_needed:
         names = " and ".join(node[-2] for node in found)
         reader.fault((*place, TOPIC), f"{names} publish on {topic!r}", "one node, as in Nav2 the later message counts")
     if found:
         return found[0]
-    if not is_needed:
+    if not is_needed or filter_gap(document, place, ""):
         return ()
     if topic:
         right = f"{INFO_SERVER}: {{ros__parameters: {{{TOPIC}: {topic}, type: 1, base: 100.0, multiplier: -1.0}}}}"
@@ -92,6 +105,35 @@ def _info(reader: Reader, place: ParameterLocation, is_needed: bool) -> Paramete
     else:
         reader.fault(place, f"no {TOPIC!r}", f"{TOPIC}: {_DEFAULT_TOPIC}, and a node {INFO_SERVER} with the same")
     return None
+
+
+def filter_gap(document: ParameterDocument, place: ParameterLocation, kind: str) -> str:
+    """Say why a filter of a class gets no mask; empty if it gets one.
+
+    An info server that no filter listens to is the one that was meant. Other nodes are started by other files.
+    """
+    topic, servers = _topic_at(document, place, TOPIC, ""), _info_servers(document)
+    listening = {
+        str(value).lstrip("/")
+        for path, value in document.values.items()
+        if path[-1] == TOPIC and path[-2] != PARAMETERS
+    }
+    node = next((node for node, said in servers.items() if said == topic), None)
+    if node is None:
+        unheard = [f"{node[-2]} publishes on {said}" for node, said in servers.items() if said not in listening]
+        return f"listens on {topic}, and {' and '.join(unheard)}" if topic and unheard else ""
+    told = document.values.get((*node, "type"), 0)
+    if kind == "SpeedFilter" and isinstance(told, int) and told not in (1, 2):
+        return f"{node[-2]} has type {told}, and a speed filter takes 1 or 2"
+    mask = _topic_at(document, node, "mask_topic", str(declared_defaults()["filter info"]["mask_topic"].default))
+    masks = {str(value).lstrip("/"): path[-3] for path, value in document.values.items() if _is_mask_topic(path)}
+    published = [f"{name} publishes on {said}" for said, name in masks.items()]
+    return f"{node[-2]} names the mask {mask}, and {' and '.join(published)}" if masks and mask not in masks else ""
+
+
+def _is_mask_topic(path: ParameterLocation) -> bool:
+    """Whether this is the topic of a map server's that is not the map's own."""
+    return path[-1] == "topic_name" and path[-2] == PARAMETERS and path[-3] != "map_server"
 
 
 def unheard_speed_filters(reader: Reader, parts: Parts) -> Parts:
