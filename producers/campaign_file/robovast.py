@@ -1,10 +1,12 @@
 """Campaign files of RoboVAST 2 (its schemas 2 to 4), and what of them a file of version 1 says."""
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from vastflow.producers.campaign_file.spec import CampaignSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
 SCHEMAS: Final = (2, 3, 4)
 EXPECTED: Final = (
@@ -57,7 +59,8 @@ class Converter:
             ]
             found["parameters"] = [{key: value} for key, value in pairs]
         if isinstance(steps := family.get("variations"), list):
-            found["variations"] = [self._variation(step, f"{place}.variations[{k}]") for k, step in enumerate(steps)]
+            mapped = (self._variation(step, f"{place}.variations[{k}]") for k, step in enumerate(steps))
+            found["variations"] = [step for step in mapped if step is not None]
         return found
 
     def _parameters(self, slot: str, values: Any, place: str) -> Iterator[tuple[str, Any]]:
@@ -72,6 +75,7 @@ class Converter:
         return key
 
     def _variation(self, step: Any, place: str) -> Any:
+        """Return a step of version 1; None where nothing that it varies has a key there."""
         if not isinstance(step, Mapping) or len(step) != 1:
             return step
         ((kind, given),) = step.items()
@@ -89,9 +93,12 @@ class Converter:
                 slot = "scenario"
             names += filter(None, (self._name(slot, str(name), where) for name in named))
         self.left += [f"{place}.{kind}.reads"] if "reads" in given else []
+        others = {key: value for key, value in given.items() if key not in (*_SLOTS, "reads")}
+        if not names and kind.startswith("Parameter"):
+            return None
         if names:
             found["name"] = names[0] if len(names) == 1 else names
-        return {kind: found | {key: value for key, value in given.items() if key not in (*_SLOTS, "reads")}}
+        return {kind: found | others}
 
     def _containers(self, containers: Mapping[str, Any]) -> dict[str, Any]:
         found: dict[str, Any] = {}
@@ -100,8 +107,13 @@ class Converter:
             given = containers[name] or {}
             fields = {key: given[key] for key in ("image",) if key in given}
             resources = {key: value for key, value in (given.get("resources") or {}).items() if key in _RESOURCES}
+            if isinstance(cpu := resources.get("cpu"), float):  # version 1 has whole ones
+                resources["cpu"] = math.ceil(cpu)
+            files = given.get("config_files") or {}
+            found |= {FILE_KEY: files["nav2"]} if "nav2" in files else {}
             fields |= {"resources": resources} if resources else {}
-            unused = [key for key in given if key not in ("image", "resources")]
+            unused = [key for key in given if key not in ("image", "resources", "config_files")]
+            unused += [f"config_files.{key}" for key in files if key != "nav2"]
             unused += [f"resources.{key}" for key in given.get("resources") or {} if key not in _RESOURCES]
             self.left += [f"execution.containers.{name}.{key}" for key in unused]
             if name == (order or [*containers])[0]:

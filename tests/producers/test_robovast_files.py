@@ -25,13 +25,14 @@ configuration:
       - ParameterVariationList: {scenario: [a, b], values: [[0.0, 1.0]]}
       - PathVariationRandom: {scenario: {start: start_pose, goal: goal_poses}, path_length: 5.0}
       - ObstacleVariation: {sim: static_objects, reads: {map: map_file}, seed: 1}
+      - ParameterVariationList: {sim: components.pedestrian.dwell, values: [0.0, 2.0]}
 execution:
   runs: 2
   timeout: 240
   runs_per_job: 2
   shm_size: 512Mi
   containers:
-    sut: {ros_packages: [], resources: {cpu: 2}}
+    sut: {ros_packages: [], resources: {cpu: 1.25}, config_files: {nav2: files/nav2.yaml, bridge: b.yaml}}
     scenario: {image: a/b, resources: {cpu: 4, memory_limit: 8Gi}}
 results_processing: {postprocessing: [], health_checks: [nav2]}
 visualization: {}
@@ -63,13 +64,16 @@ def test_converter_writes_what_version_1_can_say_and_names_the_rest():
     ]
     execution = found["execution"]
     assert (execution["timeout"], execution["image"], execution["resources"]) == (120.0, "a/b", {"cpu": 4})
+    assert execution["nav2_params"] == "files/nav2.yaml"
     assert execution["secondary_containers"] == [{"name": "sut", "resources": {"cpu": 2}}]
     assert sorted(converter.left) == [
         "configuration[0].parameters.sim.lighting",
         "configuration[0].parameters.sut.other",
         "configuration[0].use",
         "configuration[0].variations[3].ObstacleVariation.reads",
+        "configuration[0].variations[4].ParameterVariationList.sim.components.pedestrian.dwell",
         "execution.containers.scenario.resources.memory_limit",
+        "execution.containers.sut.config_files.bridge",
         "execution.containers.sut.ros_packages",
         "execution.shm_size",
         "plugins",
