@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 Vertices: TypeAlias = tuple[tuple[float, float], ...]
-"""x, y in the robot's frame (m), in the order of the text."""
+"""x, y in the robot's frame (m), in the order of the text; repeated ones, such as the first at the end, count once."""
 
 MOST_VERTICES: Final = 32
 FARTHEST_M: Final = 10.0
@@ -60,7 +60,11 @@ def _read(footprint: str) -> Vertices:
             raise ValueError(_FORM)
         if not all(abs(part) <= FARTHEST_M for part in item):
             raise ValueError(_FORM)
-    return tuple((float(x), float(y)) for x, y in found)
+    vertices = [(float(x), float(y)) for x, y in found]
+    apart = tuple(own for own, after in zip(vertices, [*vertices[1:], vertices[0]], strict=True) if own != after)
+    if len(apart) < 3:
+        raise ValueError(_FORM)
+    return apart
 
 
 def as_array(vertices: Vertices) -> NDArray[np.float64]:

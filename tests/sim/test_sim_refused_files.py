@@ -1,11 +1,14 @@
 """Nav2 parameter files with which Nav2 does not start, or starts and refuses every path."""
 
 import warnings
+from operator import attrgetter
 
 import pytest
 from table import each_row
 
+from vastflow.sim.model.polygon import vertices_of
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import parse
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.refusals import refusals
@@ -80,6 +83,42 @@ def test_numbers_of_another_type_are_refused(node, text, count):
     assert len([*refusals(found)]) == count
 
 
+@each_row(
+    ("kind", "source", "words"),
+    [
+        (
+            "ObstacleLayer",
+            "data_type: Range",
+            "expected one of LaserScan, PointCloud2, as the node ends otherwise, got 'Range'",
+        ),
+        ("VoxelLayer", "data_type: PointCloud", "expected one of LaserScan, PointCloud2"),
+        ("ObstacleLayer", "data_type: PointCloud2", ""),
+        ("VoxelLayer", "topic: scan", ""),
+        ("monitor", "type: laser", "expected one of scan, pointcloud, range, polygon, costmap"),
+        ("monitor", "type: range", ""),
+        ("monitor", "topic: scan", ""),
+    ],
+)
+def test_source_of_a_type_that_nav2_has_not_is_refused(kind, source, words):
+    own = f"o: {{plugin: 'nav2_costmap_2d::{kind}', observation_sources: a s, s: {{{source}}}, unlisted: {{data_type: x}}}}"
+    text = f"local_costmap: {{local_costmap: {{ros__parameters: {{plugins: [o], {own}}}}}}}"
+    if kind == "monitor":
+        text = f"collision_monitor: {{ros__parameters: {{polygons: [], observation_sources: [s], s: {{{source}}}}}}}"
+    assert [words in str(fault) for fault in refusals(interpretation(parse(text)))] == [True] * bool(words)
+
+
+@each_row(
+    ("critics", "more", "path", "weight"),
+    [
+        ("GoalCritic, GoalCritic, GoalCritic", "", "GoalCritic.cost_weight", 15.0),
+        ("CostCritic, CostCritic", ", CostCritic: {cost_weight: 2.0}", "CostCritic.cost_weight", 4.0),
+        ("GoalCritic, GoalCritic", ", GoalCritic: {enabled: false}", "GoalCritic.enabled", False),
+    ],
+)
+def test_critic_counts_as_often_as_it_is_listed(critics, more, path, weight):
+    assert attrgetter(path)(mppi(critics, more)) == weight
+
+
 def test_repeated_critic_counts_twice():
     once, twice = mppi("GoalCritic, PathAlignCritic"), mppi("GoalCritic, PathAlignCritic, PathAlignCritic")
     assert twice.PathAlignCritic.cost_weight == 2.0 * once.PathAlignCritic.cost_weight == 20.0
@@ -90,12 +129,24 @@ def test_repeated_critic_counts_twice():
     assert controller_server(f"controller_plugins: [A], A: {own}").parameters.controller.PathDist.scale == 5.0
 
 
-def test_closed_footprint_is_read_as_the_open_one():
-    def read(end):
-        text = f"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]{end}]"
-        return interpretation(parse(f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{text}'}}}}}}"))
-
+@each_row(
+    "vertices",
+    [
+        "[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]",
+        "[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2], [0.3, 0.2]",
+        "[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2], [0.3, 0.2], [0.3, 0.2]",
+        "[0.3, 0.2], [0.3, -0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]",
+        "[0.3, 0.2], [0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]",
+    ],
+)
+def test_repeated_vertices_count_once_and_warn_of_nothing(vertices):
+    zone = f"z: {{type: polygon, action_type: stop, points: '[{vertices}]'}}"
+    monitor = f"collision_monitor: {{ros__parameters: {{polygons: [z], {zone}, observation_sources: [s], s: {{}}}}}}"
+    text = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '[{vertices}]'}}}}}}\n{monitor}"
+    corners = [(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert inscribed_radius_of(read(", [0.3, 0.2]").parameters) == 0.2
-    assert read(", [0.3, 0.2]").parameters == read("").parameters
+        found, own = interpretation(parse(text)).parameters, parameters_of({"robot.polygon": f"[{vertices}]"})
+        assert inscribed_radius_of(found) == inscribed_radius_of(own) == 0.2
+    assert vertices_of(found.local_costmap.footprint) == vertices_of(own.robot.polygon) == tuple(corners)
+    assert found.collision_monitor.zones[0].vertices == tuple(corners)

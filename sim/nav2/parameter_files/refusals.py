@@ -1,6 +1,7 @@
 """Refusals: what a file has and no node of Nav2 starts with, though it can be read."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
 
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Fault, Place
@@ -12,6 +13,14 @@ from vastflow.sim.nav2.parameter_files.interpretation import Interpretation
 from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, class_name
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS
 from vastflow.sim.nav2.parameter_files.reader import shown
+
+_SEEN: Final = ("LaserScan", "PointCloud2")
+_OF_SOURCES: Final[Mapping[tuple[str, str], Sequence[Value]]] = {
+    ("ObstacleLayer", "data_type"): _SEEN,
+    ("VoxelLayer", "data_type"): _SEEN,
+    ("collision_monitor", "type"): ("scan", "pointcloud", "range", "polygon", "costmap"),
+}
+"""Kinds with sources, and the parameter of a source that has one of these values."""
 
 
 def refusals(found: Interpretation) -> Iterator[Fault]:
@@ -29,6 +38,9 @@ def refusals(found: Interpretation) -> Iterator[Fault]:
         is_known = name in declared and value is not None and value not in (*LAUNCH_WORDS,)
         if is_known and (right := _right_type(value, declared[name].default)):
             yield fault(path, f"got {shown(value)}", f"{right}, as the node ends otherwise")
+        kinds = _OF_SOURCES.get((reader.kinds.get(path[:-2], ""), path[-1]), (value,))
+        if value not in kinds and path[-2] in reader.names((*path[:-2], "observation_sources")):
+            yield fault(path, f"got {shown(value)}", f"one of {', '.join(map(str, kinds))}, as the node ends otherwise")
     node = document.node("controller_server")
     if node and "controller" in found.replaced:
         for path in document.below(node):

@@ -115,9 +115,8 @@ class Costmap(ParameterGroup):
     @field_validator("footprint")
     @classmethod
     def _polygon(cls, footprint: str) -> str:
-        vertices = vertices_of(footprint)
-        is_closed = bool(vertices) and vertices[0] == vertices[-1]
-        return str([list(vertex) for vertex in vertices[:-1]]) if is_closed else footprint
+        vertices_of(footprint)
+        return footprint
 
 
 def local_costmap() -> Costmap:
