@@ -19,7 +19,7 @@ from prefect.runtime import flow_run
 from prefect.states import Cancelled, Completed, Failed
 
 from vastflow.flows.flow_runs.pages import Page, outcome_text, publish
-from vastflow.flows.flow_runs.task_runs import TaskRuns, compute, instantiate, suspendable, task_runs_of
+from vastflow.flows.flow_runs.task_runs import TaskRuns, compute_round, instantiate, suspendable, task_runs_of
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.computing import Computing
@@ -137,5 +137,4 @@ def _compute(
     run: PreparedCampaign, judged: Judged, task_runs: TaskRuns, due: Sequence[FoundRuns], shards: Sequence[Shard]
 ) -> None:
     run.due.compute(due, judged.instantiated.instantiation.configurations)
-    task_runs.engine.start([each.configuration for each in due if each.missing_runs])
-    compute(task_runs, shards)
+    compute_round(task_runs, due, shards)

@@ -12,6 +12,7 @@ from uuid import UUID
 from vastflow.tasks.engine.engine import Engine, RunFault
 from vastflow.tasks.engine.evaluation import packed
 from vastflow.tasks.engine.executor import PoolClosed
+from vastflow.tasks.engine.index import FoundRuns
 from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiated, Instantiator
 from vastflow.tasks.engine.progress import Observer, Reporter, Tally
 from vastflow.tasks.engine.shards import ProducerShard, Shard, shard_ranges
@@ -256,6 +257,12 @@ def instantiate(
         return {key: error for future in task_runs.map("evaluate", shards) for key, error in future.result().items()}
 
     return instantiator.instantiated(evaluated)
+
+
+def compute_round(task_runs: TaskRuns, due: Sequence[FoundRuns], shards: Sequence[Shard]) -> None:
+    """Start the missing runs of all configurations that are due, and compute their shards."""
+    task_runs.engine.start([each.configuration for each in due if each.missing_runs])
+    compute(task_runs, shards)
 
 
 def compute(task_runs: TaskRuns, shards: Sequence[Shard]) -> None:

@@ -7,10 +7,13 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
+from vastflow.flows.flow_runs.task_runs import compute_round
 from vastflow.flows.flow_runs.task_runs import instantiate as instantiated
 from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys, open_campaign
 from vastflow.flows.request.configurations import distinct_configurations, narrowed
+from vastflow.flows.request.stopping import Stopping, stopping_of
 from vastflow.flows.run.computing import computing, told
+from vastflow.flows.run.judged import Judged, computed
 from vastflow.flows.stages.values import Configurations, Recordings, StageResult, Traces, Verdicts
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.oracles.judgement.registry import OracleError, oracle_of, oracles_of
@@ -83,10 +86,11 @@ def execute(
 ) -> Recordings:
     """Execute runs of configurations that have no recordings in the store.
 
-    A run that can't be executed is in `faults` of the result, and raises nothing.
+    A run that can't be executed is in `faults` of the result, and raises nothing. Where the file's runs end by a rule, as many are executed as
+    in a campaign: the rule asks for verdicts, so the runs are observed and judged as well, by the file's oracles.
 
     Args:
-        runs: Of each configuration, instead of the file's. Where these end by a rule it is their most, for nothing is judged here.
+        runs: Of each configuration, instead of the file's; no rule ends them.
         only: Names of families or configurations; nothing else is executed.
         workers: Worker processes, else one a core.
         observer: Is shown the progress, from one thread.
@@ -104,7 +108,38 @@ def execute(
     chosen = replace(configurations, instantiation=narrow.instantiation)
     keys = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
     before = StageResult(chosen, opened.campaign.runs_asked(runs), keys, {}, configurations.faults)
+    if runs is None and opened.campaign.sequential is not None:
+        return _by_rule(before, stopping_of(opened.campaign.sequential), workers, observer)
     return Recordings(*_computed("execute", before, opened.oracles, workers, observer))
+
+
+def _by_rule(before: StageResult, stopping: Stopping, workers: int | None, observer: Observer | None) -> Recordings:
+    """Execute, observe, and judge round by round until the rule asks for no more runs."""
+    configurations, opened = before.configurations, before.configurations.opened
+    first = distinct_configurations(configurations.instantiation, stopping.wanted({}))
+    options: Any = {"stage": "execute", "workers": workers, "stopping": stopping}
+    with told(observer) as tally, computing(opened, before.keys, opened.oracles, tally, **options) as run:
+        tally.expect({each.name: stopping.most for each in first})
+
+        def scanned() -> Judged:
+            tally.begin("scanning")
+            return Judged(Instantiated(configurations.instantiation), run.engine.scan(first))
+
+        def rounds(judged: Judged, task_runs: "TaskRuns") -> None:
+            computed(judged, run, partial(compute_round, task_runs))
+
+        for _ in run.engine.attempts():
+            judged = scanned()
+            if missing := judged.incomplete(run.engine):
+                run.engine.begin(missing)
+                with suppress(Lost):
+                    run.run_alone(partial(rounds, judged))
+                judged = scanned()
+            if not judged.incomplete(run.engine):
+                break
+        blocks = {name: each.stored for name, each in judged.found.items()}
+        faults = (*before.faults, *run.engine.faults)
+        return Recordings(configurations, stopping.most, before.keys, blocks, faults, judged.runs)
 
 
 def observe(recordings: Recordings, *, workers: int | None = None, observer: Observer | None = None) -> Traces:
@@ -148,10 +183,13 @@ def judge(
 
 def _computed(
     stage: str, before: StageResult, oracles: Sequence[Oracle[Any]], workers: int | None, observer: Observer | None
-) -> tuple[Configurations, int, Keys, dict[str, tuple[Stored, ...]], tuple[RunFault, ...]]:
+) -> tuple[Configurations, int, Keys, dict[str, tuple[Stored, ...]], tuple[RunFault, ...], Mapping[str, int]]:
     """Compute missing results of the stage after `before`; return the fields of its result."""
     configurations, opened = before.configurations, before.configurations.opened
-    executed = distinct_configurations(configurations.instantiation, before.runs)
+    executed = [
+        replace(each, runs=before.runs_of(each.name))
+        for each in distinct_configurations(configurations.instantiation, before.runs)
+    ]
     fresh = campaign_keys(installed_tree(), opened.campaign.seed, oracles)
     keys = replace(before.keys, **{name: getattr(fresh, name) for name in _KEYS[stage]})
 
@@ -190,7 +228,7 @@ def _computed(
             if not missing:
                 break
         blocks = {name: each.stored for name, each in found.items()}
-        return configurations, before.runs, keys, blocks, (*before.faults, *run.engine.faults)
+        return configurations, before.runs, keys, blocks, (*before.faults, *run.engine.faults), before.ended
 
 
 _KEYS: Final[Mapping[str, Sequence[str]]] = {

@@ -142,6 +142,7 @@ class StageResult:
         keys: Keys of the code of this stage and those before.
         blocks: Name of a distinct configuration to its stored blocks.
         faults: Faults of this stage and those before.
+        ended: Name of a distinct configuration to its runs, where they ended by the file's rule; then `runs` is their most.
     """
 
     configurations: Configurations
@@ -149,6 +150,7 @@ class StageResult:
     keys: Keys = field(repr=False)
     blocks: Mapping[str, tuple[Stored, ...]] = field(repr=False)
     faults: tuple[RunFault, ...] = ()
+    ended: Mapping[str, int] = field(default_factory=dict, repr=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -160,8 +162,13 @@ class StageResult:
         """The state of the runs, for `repr`."""
         return "not executed"
 
+    def runs_of(self, name: str) -> int:
+        """Return the number of runs of a distinct configuration."""
+        return self.ended.get(name, self.runs)
+
     def __repr__(self) -> str:
-        size = f"{count_text(len(self.blocks), 'configuration')} × {count_text(self.runs, 'run')}"
+        most = " at most" * bool(self.ended)
+        size = f"{count_text(len(self.blocks), 'configuration')} × {count_text(self.runs, 'run')}{most}"
         return f"<{self.configurations.opened.name}: {size}, {self.said}{faults_text(self.faults)}>"
 
     def _repr_html_(self) -> str:
@@ -171,11 +178,12 @@ class StageResult:
         """Return the stored artifacts of a distinct configuration; only observed blocks on request."""
         blocks = [each for each in self.blocks[name] if each.trace or not observed]
         faults = [fault for fault in self.faults if fault.configuration in ("", name)]
-        return StoredResult(self.configurations.opened.store, blocks, self.runs, faults)
+        return StoredResult(self.configurations.opened.store, blocks, self.runs_of(name), faults)
 
-    def wanted(self, found: Mapping[int, T]) -> list[T]:
-        """Return found runs by index, in order, without unwanted ones."""
-        return [found[index] for index in sorted(found) if index < self.runs]
+    def wanted(self, name: str, found: Mapping[int, T]) -> list[T]:
+        """Return found runs of a configuration by index, in order, without unwanted ones."""
+        runs = self.runs_of(self.configurations.executed_as(name).name)
+        return [found[index] for index in sorted(found) if index < runs]
 
 
 class Recordings(StageResult):
@@ -185,7 +193,7 @@ class Recordings(StageResult):
     def said(self) -> str:
         """The number of recorded runs."""
         spans = [(name, each.block) for name, blocks in self.blocks.items() for each in blocks]
-        runs = {(name, run) for name, block in spans for run in range(block.start, min(block.stop, self.runs))}
+        runs = {(name, run) for name, block in spans for run in range(block.start, min(block.stop, self.runs_of(name)))}
         return f"{len(runs)} recorded"
 
     def of(self, name: str) -> "list[Recording]":
@@ -201,7 +209,7 @@ class Recordings(StageResult):
                 index = recording.run.run_index
                 own = {key: column[indices == index] for key, column in behaviors.items()}
                 found[index] = replace(recording, behaviors=own)
-        return self.wanted(found)
+        return self.wanted(name, found)
 
     def plot(self, name: str) -> "Plot":
         """Draw the path of each run of a configuration, on its map if it has one."""
@@ -221,7 +229,7 @@ class Recordings(StageResult):
 
         def columns(name: str) -> Columns:
             rows = {row["run_index"]: row for block in self.stored(name).recordings for row in read_rows(block)}
-            return run_columns(self.configurations[name], self.wanted(rows))
+            return run_columns(self.configurations[name], self.wanted(name, rows))
 
         return column_table(RUNS, map(columns, self.blocks))
 
@@ -238,11 +246,12 @@ class Traces(StageResult):
 
         stored = self.stored(self.configurations.executed_as(name).name, observed=True)
         return self.wanted(
+            name,
             {
                 recording.run.run_index: trace_of(recording, row, columns)
                 for block, recordings in zip(stored.traces, _recordings(stored), strict=True)
                 for recording, (row, columns) in zip(recordings, read_block(block), strict=True)
-            }
+            },
         )
 
     def plot(self, name: str, signal: str = "localization_error_m") -> "Plot":
@@ -296,8 +305,8 @@ class Verdicts(StageResult):
         """The verdicts of the requested runs, by run and then by oracle in campaign order.
 
         What a fault kept from being judged is `not judged`, with the fault as its reason."""
-        found = self.stored(self.configurations.executed_as(name).name)
-        return complete(found, self.runs, self.oracles)
+        owner = self.configurations.executed_as(name).name
+        return complete(self.stored(owner), self.runs_of(owner), self.oracles)
 
     def counts(self, oracle: str | None = None) -> dict[str, Counts]:
         """Configuration that is no duplicate to how often its runs passed and failed, with rate and interval.

@@ -9,7 +9,7 @@ import pytest
 from command_line import called
 from planned import planned
 
-from vastflow.flows import run_campaign
+from vastflow.flows import execute, instantiate, judge, observe, run_campaign
 from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.plan.text import plan_json, plan_text, why_json
 from vastflow.flows.results.past import past_of
@@ -201,6 +201,18 @@ def test_run_of_directory_uses_the_same_rule(place, first, no_prefect, capsys):
     assert answer.exit_code == 0, answer.output
     assert "20 runs of each configuration at most" in answer.output
     assert re.search(r"58 runs of at most 80, 22 saved", answer.output)
+
+
+def test_staged_execute_stops_after_as_many_runs_as_the_campaign(place, first, tmp_path):
+    configurations = instantiate(file_of(place, SEQUENTIAL), store=tmp_path / "store", workers=2)
+    recordings = execute(configurations, workers=2)
+    assert {configurations[name].factors["kind"]: len(recordings.of(name)) for name in recordings.names} == ENDS
+    assert repr(recordings) == "<kinds: 4 configurations × 20 runs at most, 58 recorded>"
+    assert recordings.table().num_rows == 58
+    verdicts = judge(observe(recordings))
+    assert verdicts.table().equals(pq.read_table(first.directory / "verdicts.parquet"))
+    assert execute(configurations).blocks == recordings.blocks
+    assert len(execute(configurations, runs=6, only="kind-1", workers=2).of("kind-1")) == 6
 
 
 def test_forced_campaign_stops_after_as_many_runs_as_before(run, first):
