@@ -236,6 +236,14 @@ def test_pages_fit_390_pixels(page, campaign, dark):
         assert page.value("document.documentElement.scrollWidth") <= 390
 
 
+def test_reasons_are_not_cut_beside_the_map(page, campaign):
+    page.ask("Emulation.setDeviceMetricsOverride", width=1200, height=900, deviceScaleFactor=1, mobile=False)
+    visit(page, f"{page.value('location.origin')}/campaign?c={campaign}")
+    until(page, f"{SHOWN} === '1'")
+    assert "stuck" in page.value("document.querySelector('#why').innerText")
+    assert page.value("(why => why.scrollWidth - why.clientWidth)(document.querySelector('#why'))") == 0
+
+
 def test_wrong_filter_is_reported_and_can_be_cleared(page, campaign):
     visit(page, f"{page.value('location.origin')}/campaign?c={campaign}&f=nothing%3D1")
     until(page, "document.querySelector('#error .sentence')")
