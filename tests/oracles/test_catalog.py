@@ -86,13 +86,23 @@ def test_success_fails_mission_through_poses_that_passed_none_of_its_first_goals
     assert efficient == 0.0 if missed else efficient > 0.0
 
 
-def test_goals_of_mission_through_poses_count_in_their_order():
-    first, second, home = Pose(10.0, 0.0), Pose(5.0, 0.0), Pose(0.0, 0.0)
-    run = Run(3, "0", "succeeded", 0, "", 0.2, 0.0, 0, 0, ())
-    xy = along()
-    trace = Trace(run, {"t_s": 0.1 * np.arange(len(xy)), "x_m": xy[:, 0], "y_m": xy[:, 1]}, STRAIGHT)
-    assert missed_goals(trace, Situation(home, (first, second, home), (), passed=(second, first))) == 0
-    assert missed_goals(trace, Situation(home, (first, second, home), (), passed=(first, second))) == 1
+@each_row(
+    ("xs_m", "passed", "missed"),
+    [
+        (range(11), (5.0, 10.0), 0),
+        (range(11), (10.0, 5.0), 1),  # in their order
+        ((0.0, 0.0), (10.0, 5.0), 2),
+        ((0.0, 0.2), (0.5,), 0),  # the robot stands at the first goal
+        ((0.0, 0.2), (4.0, 0.5), 1),
+        ((0.0, 10.0, 0.0), (10.0, 10.0), 0),  # the same goal twice
+        ((0.0, 5.0, 0.0), (5.0, 0.0, 5.0), 1),
+    ],
+)
+def test_goals_of_mission_through_poses_count_in_their_order(xs_m, passed, missed):
+    poses, home = tuple(Pose(x_m, 0.0) for x_m in passed), Pose(0.0, 0.0)
+    run, x_m = Run(3, "0", "succeeded", 0, "", 0.2, 0.0, 0, 0, ()), np.array([*xs_m], dtype=float)
+    trace = Trace(run, {"t_s": 0.1 * np.arange(len(x_m)), "x_m": x_m, "y_m": np.zeros_like(x_m)}, STRAIGHT)
+    assert missed_goals(trace, Situation(home, (*poses, home), (), passed=poses)) == missed
 
 
 # performance
