@@ -6,7 +6,15 @@ import pytest
 pytestmark = pytest.mark.slow
 
 CHOSEN = frozenset(
-    {"helper: a comment", "helper: a constant", "vastflow: code of the judging", "meanwhile: oracle: code"}
+    {
+        "campaign: an oracle is gone",
+        "campaign: an oracle is added",
+        "campaign: oracles in another order",
+        "helper: a comment",
+        "helper: a constant",
+        "vastflow: code of the judging",
+        "meanwhile: oracle: code",
+    }
 )
 
 
