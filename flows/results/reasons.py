@@ -134,7 +134,7 @@ class Reasons:
         return self._stage(self._past, stage, oracles) or lost(self._past)
 
     def gathered(self, configuration: ConfigurationRuns) -> DueReason:
-        """The reason why a block whose verdicts are all in the store gets causes of failures, which follow from all of them."""
+        """The reason why causes follow anew, for a block whose verdicts are all in the store."""
         why = None
         if self._past is not None and configuration.checked in self._past.by_key:
             why = self._stage(self._past, "judge")
@@ -153,7 +153,7 @@ class Reasons:
         return DueReason("broke", "not recorded in the campaign before", "its metadata.json says which fault it was")
 
     def _stage(self, past: Past, stage: Stage, oracles: frozenset[str] | None = None) -> DueReason | None:
-        """Why no result of the past is one of today in this stage, or of these oracles; None where every one is."""
+        """Why no result of the past is one of today, in a stage or of oracles; None where every one is."""
         if (stage, oracles) not in self._of_stage:
             then, now = (stage_ingredients(each, stage, oracles) for each in (past.metadata, self._today))
             self._of_stage[stage, oracles] = all_of([*changes(then, now)])

@@ -78,7 +78,7 @@ class Keys:
 
     @cached_property
     def by_oracle(self) -> Mapping[str, str]:
-        """`oracles` in no order, as no verdict depends on it."""
+        """Return `oracles` as a mapping; no verdict depends on their order."""
         return dict(self.oracles)
 
     @cached_property
