@@ -153,7 +153,7 @@ class Reasons:
         return DueReason("broke", "not recorded in the campaign before", "its metadata.json says which fault it was")
 
     def _stage(self, past: Past, stage: Stage, oracles: frozenset[str] | None = None) -> DueReason | None:
-        """Why no result of the past is one of today, in a stage or of oracles; None where every one is."""
+        """Why the past has no result of today in a stage or of oracles; None if nothing changed."""
         if (stage, oracles) not in self._of_stage:
             then, now = (stage_ingredients(each, stage, oracles) for each in (past.metadata, self._today))
             self._of_stage[stage, oracles] = all_of([*changes(then, now)])

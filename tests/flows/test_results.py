@@ -142,7 +142,7 @@ def test_metadata_has_summary_and_faults(small_room, tmp_path):
     assert metadata["name"] == "small_room" and metadata["created"] == "2026-11-21T06:05:04"
     assert {"python", "numpy", "pyarrow"} <= set(metadata["versions"])
     assert metadata["numeric_class"] == "x86_64; glibc 2.36; avx2 fma; "
-    assert metadata["source"] == {"execute": "e" * 64, "observe": "o" * 64, "judge": "j" * 64}
+    assert metadata["source"] == {"execute": "e" * 64, "observe": "o" * 64, "judge": "j" * 64, "oracles": {}}
     assert pq.read_metadata(results.directory / "runs.parquet").num_rows == 3
 
 
