@@ -1,4 +1,4 @@
-"""Proofs in short: mutants of every kind of file, and the pipeline's benchmark."""
+"""Proofs in short: mutants of every kind of file, strangers' campaigns, and the pipeline's benchmark."""
 
 import json
 import sys
@@ -6,6 +6,7 @@ import sys
 import bench_cluster
 import fuzz
 import pytest
+import strangers
 from bench_pipeline import SCENARIO, bench_pipeline, campaign_text
 from killed_outcome import differing, digests
 from mutants import laid_out
@@ -31,6 +32,14 @@ def test_mutant_is_read_or_refused_in_a_sentence(kinds, tmp_path, monkeypatch, n
     assert count.violations == []
     assert count.accepted + count.refused == MUTANTS[name]
     assert count.refused > 0 or name == "store manifest"  # what is damaged there is computed again
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_looking_at_campaign_of_a_stranger_executes_nothing(capsys):
+    with pytest.raises(SystemExit, match="False"):
+        strangers.main()
+    assert "0 executed in all" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import stat
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -53,9 +54,11 @@ def test_commands_that_read_execute_nothing(foreign, tmp_path, canary):
 
 @pytest.mark.parametrize("command", [("replay", "DIRECTORY", "room", "0"), ("run", "DIRECTORY"), ("plan", "DIRECTORY")])
 def test_commands_that_execute_name_the_code_and_the_option_without_a_terminal(foreign, canary, command):
-    result = called(*(foreign if each == "DIRECTORY" else each for each in command))
+    arguments = [str(foreign) if each == "DIRECTORY" else each for each in command]
+    asked = python_command("vastflow.flows.cli", *arguments)  # a process that has read no plug-in before
+    result = subprocess.run(asked, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120, check=False)
     words = result.stderr.splitlines()[-1]
-    assert (result.exit_code, "Traceback" in result.output) == (2, False)
+    assert (result.returncode, "Traceback" in result.stderr) == (2, False)
     assert "would execute code that you neither made nor permitted: inputs/my_pursuit.py" in words
     assert "--trust" in words and foreign_code(foreign).digest[:12] in words
     assert executed(canary) == []

@@ -126,6 +126,7 @@ def main():
         tell("end of the explorer")
         for command in (
             ("show", first),
+            ("show", first, "room/0", "--lineage"),
             ("compare", first, first, "--out", folder / "compared"),
             ("export", first, folder / "exported"),
             ("replay", first, "room", "0"),

@@ -146,16 +146,23 @@ def parameters_of(system: Mapping[str, Value]) -> NavParameters:
 
 def drawn_parameters(system: Mapping[str, Value]) -> NavParameters:
     """The parameters of a system without those of plug-ins in files, of which nothing is executed; raises as `parameters_of`."""
+    return _drawn(system).interpretation.parameters
+
+
+def _drawn(system: Mapping[str, Value]) -> Chosen:
     file = system.get(FILE_KEY)
     named = [*system.values(), *(loaded(file).values.values() if isinstance(file, FileContent) else ())]
     own = any(FILE in str(value) for value in named)  # others share what `parameters_of` made
-    return _chosen(replace(_system(system), drawn=own)).interpretation.parameters
+    return _chosen(replace(_system(system), drawn=own))
 
 
 def file_of(system: Mapping[str, Value]) -> Interpretation | None:
-    """Return the Nav2 parameter file of a system as it is read without the other keys; None without one."""
+    """Return the Nav2 parameter file of a system as it is read without the other keys; None without one.
+
+    Nothing of plug-ins in files is executed.
+    """
     own = {key: system[key] for key in (FILE_KEY, NAMESPACE_KEY) if key in system}
-    return _chosen(_system(own)).interpretation if FILE_KEY in own else None
+    return _drawn(own).interpretation if FILE_KEY in own else None
 
 
 def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[str, ...]:
