@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
-from yaml.constructor import SafeConstructor
+from yaml.constructor import ConstructorError, SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.producers.model.faults import MISSING_FILE, Location, path_text, shown
@@ -170,7 +170,7 @@ class _Walk:
             return None
         try:
             found = self._constructor.construct_object(node) if kind in MEANING else None
-        except (ValueError, KeyError, IndexError, OverflowError):
+        except (ConstructorError, ValueError, KeyError, IndexError, OverflowError):
             self._fault(node, location, f"got {shown(text)}", f"{MEANING[kind]}, or quotes round a text")
             return None
         if found is None:

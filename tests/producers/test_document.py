@@ -55,6 +55,11 @@ def test_faults_of_a_document_have_place_and_message(golden, tmp_path: Path) -> 
     golden("campaign_files", "document", faults)
 
 
+def test_damaged_number_is_a_fault_wherever_its_alias_stands(tmp_path: Path) -> None:
+    faults = read(tmp_path, "a: &x !!int zz\nb: *x\n").faults
+    assert [(fault.place.line, fault.problem) for fault in faults] == [(1, "got 'zz'")] * 2
+
+
 def test_binary_file_is_one_fault(tmp_path: Path) -> None:
     assert fatal(tmp_path, "ok: 1\nä: \x01\n").startswith(
         "c.vast:2:4: file: not YAML: control characters are not allowed; "

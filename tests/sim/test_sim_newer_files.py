@@ -164,6 +164,7 @@ def test_numbers_that_nav2_takes_otherwise_are_read_as_it_takes_them(text, path,
 @each_row(
     ("text", "release"),
     [
+        ("ros__parameters: {a: 1}", "jazzy"),  # of no node
         (server(RPP + "}"), "jazzy"),
         (server(RPP + ", min_distance_to_obstacle: 0.4}"), "kilted"),
         (costmap(f"filters: [k], k: {{{KEEPOUT}, enabled: KEEPOUT_ZONE_ENABLED}}"), "kilted"),

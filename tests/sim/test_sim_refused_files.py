@@ -74,6 +74,7 @@ def test_file_with_which_a_node_ends_is_refused(text, words):
         ("velocity_smoother", "max_velocity: [0.5, 0.0, 2.0]", 0),
         ("amcl", "max_beams: 60.0", 1),
         ("amcl", "alpha1: 1", 1),
+        ("velocity_smoother", f"deadband_velocity: [{'9' * 400}, 0.0, 2.0]", 1),
         ("amcl", "alpha1: 1.0", 0),
         ("amcl", "robot_model_type: differential", 0),
     ],

@@ -67,6 +67,6 @@ def _right_type(value: Value, default: Value) -> str:
     if type(default) is type(value) or default is None:
         return ""
     if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
-        return f"a double, such as {float(value)}"
+        return f"a double, such as {float(value)}" if abs(value) < 2**63 else "a double"
     names = {bool: "true or false", int: "an integer", float: "a double", str: "text"}
     return names.get(type(default), "")

@@ -40,7 +40,11 @@ def _table() -> Mapping[str, Any]:
 def guessed_release(document: ParameterDocument) -> tuple[Release, str]:
     """Return the release that a file is for, and a name in it that no older one has."""
     own = {name for full, node in NODES.items() for name in (full[-1], node.older)} | {"bt_navigator"}
-    values = {path: value for path, value in document.values.items() if PARAMETERS in path and node_of(path)[-2] in own}
+    values = {
+        path: value
+        for path, value in document.values.items()
+        if PARAMETERS in path and "".join(node_of(path)[-2:-1]) in own
+    }
     names = [*(name for path in values for name in path), *(str(value) for value in values.values())]
     for release, new in _table()["names"].items():
         if found := next((name for name in names if name in new), None):
