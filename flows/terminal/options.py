@@ -1,15 +1,16 @@
 """Arguments and options of commands; a run's options are the fields of `RunRequest`."""
 
 import functools
+import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias, get_args
 
 import typer
 
-from vastflow.flows.request.run_request import OnCommandLine, RunRequest
+from vastflow.flows.request.run_request import ForcedStage, OnCommandLine, RunRequest
 from vastflow.sim.model.faults import UserError
 
 CampaignFile: TypeAlias = Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")]
@@ -108,10 +109,12 @@ _TYPES: Final[Mapping[str, Any]] = {"integer": int, "number": float, "string": s
 
 
 def with_stages(arguments: Sequence[str]) -> list[str]:
-    """Add `all` to a --force without a stage; typer has no options whose value may be left out."""
+    """Add `all` to a --force without a stage, as before a file; typer has no options whose value may be left out."""
     words = []
     for word, behind in zip(arguments, [*arguments[1:], "-"], strict=True):
-        words += [word, "all"] if word == "--force" and behind.startswith("-") else [word]
+        is_other = behind not in get_args(ForcedStage) and (not behind.isalpha() or os.path.exists(behind))
+        is_bare = word == "--force" and is_other
+        words += [word, "all"] if is_bare else [word]
     return words
 
 

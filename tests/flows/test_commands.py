@@ -19,6 +19,7 @@ from vastflow.flows import api
 from vastflow.flows.cli.__main__ import RENAMED
 from vastflow.flows.results.summary import Summary
 from vastflow.flows.terminal.ending import Interruptible
+from vastflow.flows.terminal.options import with_stages
 from vastflow.oracles.statistics.intervals import Counts
 from vastflow.tasks.engine.progress import Progress
 from vastflow.tasks.store.store import StoreError
@@ -166,6 +167,20 @@ def test_interrupted_run_exits_with_130_and_prints_resume_command(small_room, ru
     assert result.exit_code == 130
     assert result.stderr == "interrupted; `vastflow run 'my room.vast' --runs 5` again computes only what is missing\n"
     assert signal.getsignal(number) is before
+
+
+@each_row(
+    ("arguments", "words"),
+    [
+        (["run", "--force"], ["run", "--force", "all"]),
+        (["run", "--force", "--json", "a.vast"], ["run", "--force", "all", "--json", "a.vast"]),
+        (["run", "--force", "a.vast"], ["run", "--force", "all", "a.vast"]),
+        (["run", "--force", "judge", "a.vast"], ["run", "--force", "judge", "a.vast"]),
+        (["run", "--force", "jugde", "a.vast"], ["run", "--force", "jugde", "a.vast"]),  # refused with the stages
+    ],
+)
+def test_force_without_a_stage_means_all(arguments, words):
+    assert with_stages(arguments) == words
 
 
 def test_interrupted_forced_run_is_resumed_without_force(small_room, running, monkeypatch):
