@@ -86,7 +86,8 @@ def _info_servers(document: ParameterDocument) -> Mapping[ParameterLocation, str
 def _info(reader: Reader, place: ParameterLocation, is_needed: bool) -> ParameterLocation | None:
     """Return the info server of a filter.
 
-    It is an empty path if the filter needs none, and None, with a fault, if it is missing. A keepout filter takes the mask's values as they are, whatever is said of them.
+    It is an empty path if the filter needs none, and None, with a fault, if it is missing. A keepout filter takes the mask's values as
+    they are, whatever is said of them.
     """
     document = reader.document
     topic = reader.plain((*place, TOPIC), "").lstrip("/")
