@@ -210,7 +210,8 @@ def test_staged_execute_stops_after_as_many_runs_as_the_campaign(place, first, t
     assert repr(recordings) == "<kinds: 4 configurations × 20 runs at most, 58 recorded>"
     assert recordings.table().num_rows == 58
     verdicts = judge(observe(recordings))
-    assert verdicts.table().equals(pq.read_table(first.directory / "verdicts.parquet"))
+    theirs = pq.read_table(first.directory / "verdicts.parquet")
+    assert verdicts.table().drop_columns("metrics").equals(theirs.drop_columns("metrics"))  # times of programs differ
     assert execute(configurations).blocks == recordings.blocks
     assert len(execute(configurations, runs=6, only="kind-1", workers=2).of("kind-1")) == 6
 

@@ -46,7 +46,7 @@ class Pool(AtOnce):
     def observe(self, store, recording_key, key, scenario):
         store.put(key, {TRACES: b"trace of " + store.read(recording_key, RECORDINGS)})
 
-    def judge(self, store, recording_key, trace_key, key, scenario, oracles):
+    def judge(self, store, recording_key, trace_key, key, *_):
         judged = store.read(recording_key, RECORDINGS) + store.read(trace_key, TRACES)
         store.put(key, {VERDICTS: b"verdicts on " + judged}, {"runs": [[k, "pass"] for k in range(3)], "causes": []})
 
