@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 from inspect import Parameter
 from typing import Annotated, Any, Final, Literal, Self, TypeAlias, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError, field_validator
 
 from vastflow.tasks.store.artifact import public_address
 
@@ -198,6 +198,18 @@ class Asked:
 
 
 def asked_of(metadata: Mapping[str, Any]) -> Asked:
-    """Return the request of a campaign directory; raises `KeyError` or `TypeError` if its `metadata.json` does not say."""
+    """Return the request of a campaign directory.
+
+    Raises:
+        KeyError, TypeError, ValueError: its `metadata.json` does not say.
+    """
     said = metadata["asked"]
-    return Asked(**{**said, "only": tuple(said["only"])}, sequential=bool(metadata.get(SEQUENTIAL)))
+    try:
+        return _ASKED.validate_python({**said, "sequential": bool(metadata.get(SEQUENTIAL))})
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, ("asked", *first["loc"])))
+        raise ValueError(f"metadata.json: {where}: {first['msg']}, got {first['input']!r}"[:200]) from None
+
+
+_ASKED: Final = TypeAdapter(Asked)

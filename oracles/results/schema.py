@@ -63,6 +63,8 @@ RUNS: Final = pa.schema(
 JUDGED_RUNS: Final = RUNS.append(pa.field("cause", _TEXT))
 """Columns of `runs.parquet`: records of each run, and the cause of its failure."""
 METRICS: Final = "metrics"
+_TEXTS: Final = frozenset({"configuration", "family", "judgement", "name", "oracle", "producer", "reason"})
+"""Columns of names and words, in whatever table they are."""
 VERDICTS: Final = pa.schema({**_RUN, **dict.fromkeys(("oracle", "judgement", "reason", METRICS), _TEXT)})
 
 
@@ -155,7 +157,7 @@ def plain(value: Value) -> Any:
 def read_columns(file: Path, *texts: str, without: Container[str] = ()) -> pa.Table:
     """A parquet file without some of its columns, its columns `texts` dictionary-encoded."""
     with _reading(file.name):
-        rows = open_table(file, texts)
+        rows = _opened(file, texts)
         columns = [name for name in rows.schema_arrow.names if name not in without]
         return rows.read(columns=columns).unify_dictionaries()
 
@@ -163,27 +165,28 @@ def read_columns(file: Path, *texts: str, without: Container[str] = ()) -> pa.Ta
 def text_batches(file: Path, column: str, rows: int) -> Iterator[pa.Array]:
     """A column of texts, a bounded number of rows at a time."""
     with _reading(file.name):
-        for batch in open_table(file).iter_batches(rows, columns=[column]):
+        for batch in _opened(file).iter_batches(rows, columns=[column]):
             yield batch[0]
 
 
 def table_rows(file: Path, *columns: str) -> list[dict[str, Any]]:
     """The rows of a parquet file, with all columns or its columns among `columns`."""
     with _reading(file.name):
-        rows: list[dict[str, Any]] = open_table(file).read(columns=list(columns) or None).to_pylist()
+        rows: list[dict[str, Any]] = _opened(file).read(columns=list(columns) or None).to_pylist()
     return rows
 
 
 def rows_of(file: Path, column: str, value: str) -> pa.Table:
     """The rows of a parquet file with a value in a column of texts."""
     with _reading(file.name):
-        return rows_with(file, column, value)
+        _check_texts((found := rows_with(file, column, value)).schema)
+    return found
 
 
 def table_of(content: bytes, name: str) -> pa.Table:
     """Read the parquet content of a file called `name`."""
     with _reading(name):
-        return open_table(content).read()
+        return _opened(content).read()
 
 
 def behaviors_of(directory: Path, configuration: str) -> dict[str, NDArray[Any]]:
@@ -193,6 +196,19 @@ def behaviors_of(directory: Path, configuration: str) -> dict[str, NDArray[Any]]
         return {}
     rows = rows_of(file, CONFIGURATION, configuration)
     return columns_of(rows.drop_columns([CONFIGURATION])) if len(rows) else {}
+
+
+def _opened(source: Path | bytes, texts: Sequence[str] = ()) -> Any:
+    found = open_table(source, texts)
+    _check_texts(found.schema_arrow)
+    return found
+
+
+def _check_texts(schema: pa.Schema) -> None:
+    for each in schema:
+        kind = each.type.value_type if pa.types.is_dictionary(each.type) else each.type
+        if each.name in _TEXTS and not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
+            raise ValueError(f"column {each.name}: expected text, got {each.type}")
 
 
 @contextmanager

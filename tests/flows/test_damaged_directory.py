@@ -110,3 +110,28 @@ def test_commands_report_damaged_table(directory, small_room, tmp_path, monkeypa
     result = called(*command.split(), *more.get(command, [directory]))
     assert (result.exit_code, result.stdout) == (2, "")
     assert f"{directory}: damaged campaign directory: configurations.parquet: can't be read: a page" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("file", "column"), [(CONFIGURATIONS, "name"), (CONFIGURATIONS, "family"), ("verdicts.parquet", "oracle")]
+)
+@pytest.mark.parametrize("command", ["show", "export"])
+def test_commands_refuse_numbers_in_columns_of_text(directory, tmp_path, command, file, column):
+    table = pq.read_table(directory / file)
+    numbers = pa.array([7] * len(table))
+    pq.write_table(table.set_column(table.schema.get_field_index(column), column, numbers), directory / file)
+    more = ["--only", "room"] if command == "export" else []
+    result = called(command, directory, *([tmp_path / "out"] * (command == "export")), *more)
+    assert (result.exit_code, "Traceback" in result.stderr) == (2, False)
+    assert f"column {column}: expected text, got int64" in result.stderr
+
+
+@pytest.mark.parametrize("command", ["plan", "run"])
+def test_commands_refuse_a_number_of_runs_that_is_none(directory, tmp_path, monkeypatch, command):
+    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
+    metadata = json.loads((directory / "metadata.json").read_text())
+    metadata["asked"]["runs"] = "many"
+    (directory / "metadata.json").write_text(json.dumps(metadata))
+    result = called(command, directory)
+    assert result.exit_code == 2
+    assert "metadata.json: asked.runs: Input should be a valid integer" in result.stderr
