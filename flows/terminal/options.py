@@ -109,7 +109,10 @@ _TYPES: Final[Mapping[str, Any]] = {"integer": int, "number": float, "string": s
 
 
 def with_stages(arguments: Sequence[str]) -> list[str]:
-    """Add `all` to a --force without a stage, as before a file; typer has no options whose value may be left out."""
+    """Add `all` to a --force without a stage, as before a file.
+
+    Typer has no options whose value may be left out.
+    """
     words = []
     for word, behind in zip(arguments, [*arguments[1:], "-"], strict=True):
         is_other = behind not in get_args(ForcedStage) and (not behind.isalpha() or os.path.exists(behind))
