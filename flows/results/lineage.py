@@ -64,8 +64,9 @@ def lineage_of(directory: Path, configuration: str, run_index: int, store: Store
         recording = _recording(store, keys, checked, run_index)
         trace_key = keys.trace(checked, recording.content) if recording else None
         trace = store.find(trace_key) if trace_key else None
-        verdicts_key = keys.verdicts(checked, recording.content, trace.content) if recording and trace else None
-        source = metadata["source"]
+        source, verdicts_key = metadata["source"], None
+        if recording and trace and "oracles" in source:  # else all oracles had one key, which nothing here makes
+            verdicts_key = keys.verdicts(checked, recording.content, trace.content)
         oracles = {each["name"]: each for each in metadata["oracles"]}
         said = [
             {key: verdict[key] for key in ("oracle", "judgement", "reason")} | _plug_in(oracles[verdict["oracle"]])
@@ -132,10 +133,11 @@ def _producers(metadata: Mapping[str, Any], row: Mapping[str, Any], keys: Keys, 
 def lineage_text(steps: Iterable[LineageStep]) -> Iterator[tuple[str, str, str]]:
     """Yield step, whether it is in the store, and its key or a fact, for a terminal."""
     there = {True: "in the store", False: "not in the store", None: ""}
+    steps = [*steps]
+    is_traced = any(each.step == "observe" and each.is_stored for each in steps)
     for each in steps:
-        unknown = (
-            "key unknown" if each.step == "instantiate" else "key unknown, as it follows from what the store lacks"
-        )
+        is_untold = each.step == "instantiate" or (each.step == "judge" and is_traced)
+        unknown = f"key unknown{'' if is_untold else ', as it follows from what the store lacks'}"
         yield each.step, there[each.is_stored], each.key or unknown
         for words in _words(each):
             yield "", "", words

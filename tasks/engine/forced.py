@@ -51,5 +51,4 @@ class Forced:
                     span = range(stored.block.start, stored.block.stop)
                     self._runs.setdefault((stage, checked), set()).update(span)
             index.store.remove(keys)
-            index.list_again()
             self._reached[checked] = max(configuration.runs, self._reached.get(checked, 0))

@@ -82,10 +82,6 @@ class Index:
             found.append(Stored(block, artifact, trace, verdicts, lacking))
         return found
 
-    def list_again(self) -> None:
-        """Forget which verdicts are beside others."""
-        self._beside.clear()
-
     def held(self, key: str) -> dict[str, list[str]]:
         """Return oracles whose verdicts on the block of a key of verdicts are in other artifacts, by their keys.
 

@@ -101,6 +101,16 @@ def test_lineage_says_what_the_store_lacks_and_what_is_unknown_without_it(direct
     assert ("observe", "", "key unknown, as it follows from what the store lacks") in lines
 
 
+def test_lineage_of_a_directory_without_keys_of_oracles_makes_none_up(directory, store, tmp_path):
+    old = shutil.copytree(directory, tmp_path / directory.name)
+    metadata = json.loads((old / "metadata.json").read_text())
+    del metadata["source"]["oracles"]
+    (old / "metadata.json").write_text(json.dumps(metadata))
+    steps = lineage_of(old, "room-1", 0, store)
+    assert [step.is_stored for step in steps[:3]] == [None, True, True]
+    assert next(iter(lineage_text(steps))) == ("judge", "", "key unknown")
+
+
 def test_lineage_of_a_design_finds_its_evaluations(ran, store):
     found = ran("    variations:\n", "    design: {t_way: {strength: 1}}\n    variations:\n")
     steps = lineage_of(found, "room-1", 0, store)
