@@ -20,6 +20,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -66,9 +67,16 @@ def renamed_picture(bed: Bed) -> None:
     bed.replace("maps/room.yaml", "room.pgm", "cellar.pgm")
 
 
-def swap(name: str, old: str, new: str) -> Edit:
+@dataclass(frozen=True)
+class swap:
     """Replace a text in a file of the campaign, or of vastflow where its name begins so."""
-    return lambda bed: replaced(bed.path(name), old, new)
+
+    name: str
+    old: str
+    new: str
+
+    def __call__(self, bed: Bed) -> None:
+        replaced(bed.path(self.name), self.old, self.new)
 
 
 def add(name: str, end: str = "# a comment\n") -> Edit:
@@ -196,7 +204,7 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
 ROBOT: Final[Mapping[str, tuple[Edit, Counts]]] = {
     "nothing": (lambda bed: None, KEPT),
     "a hint of the parameters' reader in other words": (
-        swap("vastflow/sim/nav2/parameters/amcl.py", "must be <=", "has to be at most"),
+        swap("vastflow/sim/nav2/parameters/amcl.py", "model is not Omni", "model is another than Omni"),
         KEPT,
     ),
     "its Nav2 file: a comment": (add("nav2.yaml"), KEPT),
