@@ -57,7 +57,7 @@ ALLOWED: Final[dict[str, tuple[int, str]]] = {
     "tasks/keys/code_digest.py": (2, "files of the installation, and the user's cache with its digest"),
     "tasks/keys/keys.py": (1, "/proc/cpuinfo"),
     "tasks/keys/source.py": (1, "files of the installation, and copies of plug-ins"),
-    "tasks/prefect/container_keys.py": (1, "a scalar of a file within the limits"),
+    "tasks/prefect/containers.py": (1, "a scalar of a file within the limits"),
     "tasks/prefect/manifests.py": (2, "files of the installation"),
     "tasks/prefect/server.py": (1, "the user's profiles of Prefect"),
     "tasks/store/folder_files.py": (1, "the store's own opener: no pipes, no waiting"),

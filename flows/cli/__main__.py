@@ -44,7 +44,6 @@ RENAMED: Final = {
     "run --shards": "run FILE --cluster ADDRESS",
     "resume": "run RESULTS",
     "schema": "validate --schema",
-    "execution": "deploy FILE --format compose|kubernetes",
     "bench": "dev bench",
     "paper": "dev paper RESULTS...",
 }

@@ -1,10 +1,8 @@
 """The command `deploy`: a campaign that Prefect runs on request or on a schedule."""
 
-import shlex
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -18,8 +16,7 @@ from vastflow.sim.model.faults import UserError
 from vastflow.tasks.prefect.deployment import DATA, IMAGE, NAME, PoolType
 
 if TYPE_CHECKING:
-    from vastflow.producers.campaign import Campaign
-    from vastflow.tasks.prefect.containers import RunDescription
+    from vastflow.tasks.prefect.containers import Containers
     from vastflow.tasks.prefect.deployment import Deployment
 
 NO_API: Final = (
@@ -27,17 +24,8 @@ NO_API: Final = (
     "`prefect config set PREFECT_API_URL=http://127.0.0.1:4200/api`"
 )
 
-MOST_IN_A_CONFIG_MAP: Final = 2**20
-
 IMAGE_FOLDER: Final = "/vastflow"
 """Working directory of vastflow's image, with what the image was built from."""
-
-
-class Format(StrEnum):
-    """Consumer of a printed description."""
-
-    compose = "compose"
-    kubernetes = "kubernetes"
 
 
 @asking(*NAMES, results=None)
@@ -65,47 +53,37 @@ def deploy(
     ] = None,
     operator: Annotated[bool, typer.Option("--operator", help="With --kubernetes: use the Dask operator.")] = False,
     dry_run: DryRun = False,
-    format_: Annotated[
-        Format | None,
-        typer.Option(
-            "--format",
-            help="Print the containers of a run as a Docker Compose file or a PodTemplate instead.",
-        ),
-    ] = None,
 ) -> None:
     """Create or change a Prefect deployment of a campaign, and its work pool.
 
     A worker of the pool then runs the whole campaign on its machine. With --cluster it drives the campaign, and the
     workers of that Dask cluster compute the runs.
     """
-    given = [name for name, value in (("--pool", pool), ("--format", format_), ("--kubernetes", kubernetes)) if value]
+    given = [name for name, value in (("--pool", pool), ("--kubernetes", kubernetes)) if value]
     if len(given) != 1:
-        raise UserError(f"expected one of --pool, --format, and --kubernetes, got {' and '.join(given) or 'none'}")
+        raise UserError(f"expected one of --pool and --kubernetes, got {' and '.join(given) or 'none'}")
     if operator and kubernetes is None:
         raise UserError("--operator: requires --kubernetes")
     from vastflow.flows.request.campaign_file import campaign_name, read_campaign
     from vastflow.sim.model.faults import FileError
     from vastflow.sim.plug_ins.effects import looking_only
     from vastflow.tasks.prefect.adapter import import_prefect
-    from vastflow.tasks.prefect.container_keys import describe
+    from vastflow.tasks.prefect.containers import containers_of
     from vastflow.tasks.prefect.deployment import CPU, Deployment, description_of, job_variables
 
     map_dir = asked["map_dir"]
     with looking_only():
         campaign, _ = read_campaign(file, map_dir, as_v1=asked["as_v1"])
-    if format_ is not None:
-        _print_containers(describe(campaign, campaign_name(campaign), context), format_)
-        return
     if campaign.unexecutable:
         raise FileError(campaign.unexecutable)
     title = campaign_name(campaign)
-    description = _described(campaign, title, context)
+    containers = containers_of(campaign, title, context)
     if kubernetes is not None:
-        _write_cluster(kubernetes, description, file, asked, image, queue, operator=operator)
+        _write_cluster(kubernetes, containers, file, asked, image, queue, operator=operator)
         return
     assert pool is not None
     place = _place(file, kind)
-    cores = description.main.needs.cpu or CPU if kind is PoolType.kubernetes else None
+    cores = containers.needs.cpu or CPU if kind is PoolType.kubernetes else None
     here = {
         "map_dir": None if map_dir is None else _place(map_dir, kind),
         "results": asked["results"] or (str(Path.cwd() / "results") if kind is PoolType.process else f"{DATA}/results"),
@@ -126,7 +104,7 @@ def deploy(
             request.cluster,
             least=campaign.sequential.min if request.runs is None and campaign.sequential is not None else None,
         ),
-        job_variables=job_variables(kind, description, image, queue),
+        job_variables=job_variables(kind, containers, image, queue),
         cron=cron,
         timezone=timezone,
     )
@@ -139,24 +117,13 @@ def deploy(
         _register(deployment, kind)
 
 
-def _described(campaign: "Campaign", title: str, context: str | None) -> "RunDescription":
-    """Return the run description of a campaign, with vastflow's image where the file names none."""
-    from vastflow.tasks.prefect.container_keys import describe
-
-    execution = campaign.spec.execution
-    if execution.image is None and not execution.secondary_containers:
-        execution = execution.model_copy(update={"image": IMAGE})
-    spec = campaign.spec.model_copy(update={"execution": execution})
-    return describe(replace(campaign, spec=spec), title, context)
-
-
 WORKERS: Final = 8
 """Default number of workers of a Dask cluster."""
 
 
 def _write_cluster(
     folder: Path,
-    description: "RunDescription",
+    containers: "Containers",
     file: Path,
     asked: Mapping[str, Any],
     image: str,
@@ -175,12 +142,12 @@ def _write_cluster(
         raise UserError(f"--cluster: --kubernetes makes a cluster, got {asked['cluster']!r}")
     kind = PoolType.kubernetes
     map_dir = None if asked["map_dir"] is None else _place(asked["map_dir"], kind)
-    description = replace(description, name=description.name[:LONGEST_NAME].rstrip("-"))
+    containers = replace(containers, name=containers.name[:LONGEST_NAME].rstrip("-"))
     results = results or f"{store.rstrip('/')}-results"
-    own = {"cluster": scheduler_address(description.name), "results": results, "map_dir": map_dir, "workers": 1}
+    own = {"cluster": scheduler_address(containers.name), "results": results, "map_dir": map_dir, "workers": 1}
     request = asked_request(Path(_place(file, kind)), {**asked, **own}).public()
     command = ["vastflow", "run", *command_line(request)]
-    made = cluster_files(description, command, asked["workers"] or WORKERS, image, queue, operator=operator)
+    made = cluster_files(containers, command, asked["workers"] or WORKERS, image, queue, operator=operator)
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in made.items():
         if name != SECRET_FILE or not (folder / name).exists():  # credentials are the user's
@@ -189,7 +156,7 @@ def _write_cluster(
     print(f"wrote {folder}; fill in {folder / SECRET_FILE}")
     print(f"once: kubectl apply -f {folder / 'namespace.yaml'}, and with Kueue also -f {folder / 'queues.yaml'}")
     print(f"then: kubectl apply -k {folder}")
-    followed = f"{description.name}-runner" if operator else f"job/{description.name} -c campaign"
+    followed = f"{containers.name}-runner" if operator else f"job/{containers.name} -c campaign"
     print(f"follow it: kubectl -n {NAME} logs -f {followed}")
 
 
@@ -273,40 +240,3 @@ def _register(deployment: "Deployment", kind: PoolType) -> None:
     print(f"{'made' if is_new else 'found'} the work pool {pool}; start a worker: prefect worker start --pool {pool}")
     print(f"{campaign.name}/{deployment.name}: {url.removesuffix('/api')}/deployments/deployment/{found}")
     print(f"run it: prefect deployment run '{campaign.name}/{deployment.name}'")
-
-
-def _print_containers(found: "RunDescription", format_: Format) -> None:
-    """Print the containers of a run as YAML: image, resources, environment, files, and scripts."""
-    from vastflow.tasks.prefect.manifests import compose_file, pod_template, yaml_text
-
-    if format_ is Format.compose:
-        made, notes = compose_file(found), _compose_notes(found)
-    else:
-        made, notes = pod_template(found), _kubernetes_notes(found)
-    print(yaml_text(made), end="")
-    for note in notes:
-        print(note, file=sys.stderr)
-
-
-def _compose_notes(found: "RunDescription") -> Iterator[str]:
-    from vastflow.tasks.prefect.manifests import OUT_FOLDER
-
-    folder = shlex.quote(str(found.folder))
-    yield f"save it in {folder}; make a folder {OUT_FOLDER} there that user {found.user} can write to"
-    if found.deadline_s is not None:
-        yield f"execution.timeout: Docker Compose ends nothing after {found.deadline_s} s"
-    if found.node_labels:
-        yield "execution.kubernetes.jobs.node_labels: Docker Compose chooses no nodes"
-
-
-def _kubernetes_notes(found: "RunDescription") -> Iterator[str]:
-    from vastflow.tasks.prefect.manifests import config_map_items, config_map_name
-
-    if not found.files:
-        return
-    from_files = (f"--from-file={each['key']}={found.folder / each['path']}" for each in config_map_items(found))
-    command = ["kubectl", "create", "configmap", config_map_name(found), *from_files]
-    yield f"the pod finds the run's files in a ConfigMap; make it by: {shlex.join(command)}"
-    size = sum((found.folder / file).stat().st_size for file in found.files)
-    if size > MOST_IN_A_CONFIG_MAP:
-        yield f"execution.run_files: expected at most {MOST_IN_A_CONFIG_MAP} bytes for a ConfigMap, got {size}"

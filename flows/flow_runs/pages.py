@@ -25,8 +25,8 @@ from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.intervals import LEVEL
 from vastflow.sim.model.files import read_json
+from vastflow.sim.model.names import label_of
 from vastflow.tasks.engine.progress import Phase, Progress
-from vastflow.tasks.prefect.containers import label_of
 from vastflow.tasks.prefect.deployment import FLOW, TAG
 from vastflow.tasks.prefect.retry import bounded
 from vastflow.tasks.prefect.server import configured_url, is_embedded

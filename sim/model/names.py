@@ -1,5 +1,6 @@
-"""Suggestions for unknown names."""
+"""Names: suggestions for unknown ones, and labels."""
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Final
@@ -32,3 +33,8 @@ def did_you_mean(
         return f"did you mean {near!r}?"
     more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
     return f"{listed} {', '.join(names[:MOST_LISTED])}{more}" if names else otherwise
+
+
+def label_of(text: str) -> str:
+    """Return the nearest DNS label (RFC 1123), as containers need; empty without letters and digits."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:63].rstrip("-")

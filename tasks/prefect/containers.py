@@ -1,14 +1,22 @@
-"""Containers of a run: their resources and their variables, whatever the container engine."""
+"""What a campaign's containers need, read from the keys of its `execution`: resources, variables, and nodes."""
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from pathlib import Path
-from typing import Final
+from typing import Any, Final, Literal, TypeVar
 
-from vastflow.sim.model.faults import complaint
+import yaml
+
+from vastflow.producers.campaign import Campaign
+from vastflow.producers.campaign_file.document import EXPONENT
+from vastflow.producers.campaign_file.spec import Resources
+from vastflow.producers.model.faults import Location, shown
+from vastflow.sim.model.faults import Fault, FileError, complaint
+from vastflow.sim.model.names import did_you_mean, label_of
+
+T = TypeVar("T")
 
 SUFFIXES: Final[Mapping[str, int]] = {
     "": 1,
@@ -25,6 +33,10 @@ SUFFIXES: Final[Mapping[str, int]] = {
 }
 """Units of Kubernetes' quantities, without those below a byte (`8m` is 0.008 bytes) and exponents."""
 QUANTITY: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*([A-Za-z]*)", re.ASCII)
+VARIABLE: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+NODE_LABEL: Final = re.compile(r"([a-z0-9][a-z0-9.-]{0,252}/)?[A-Za-z0-9]([A-Za-z0-9_.-]{0,61}[A-Za-z0-9])?")
+NODE_LABEL_VALUE: Final = re.compile(r"([A-Za-z0-9]([A-Za-z0-9_.-]{0,61}[A-Za-z0-9])?)?")
+PLAIN_SCALAR: Final = re.compile(r"[^\s,\[\]{}#]+")
 
 
 def memory_bytes(text: str) -> int:
@@ -45,29 +57,8 @@ def memory_bytes(text: str) -> int:
 
 def kubernetes_memory(size: int) -> str:
     """Return bytes as a quantity of Kubernetes, in the largest unit that gives a whole number."""
-    return _in_units(size, {"Gi": 2**30, "Mi": 2**20, "Ki": 2**10}, "")
-
-
-def compose_memory(size: int) -> str:
-    """Return bytes for Docker Compose, where k, m, and g are powers of 1024."""
-    return _in_units(size, {"g": 2**30, "m": 2**20, "k": 2**10}, "b")
-
-
-def _in_units(size: int, units: Mapping[str, int], byte: str) -> str:
-    return next((f"{size // unit}{name}" for name, unit in units.items() if size % unit == 0), f"{size}{byte}")
-
-
-MAIN: Final = "main"
-"""Name of the container whose end is the run's."""
-OUT: Final = "/vastflow/out"
-"""Shared folder of output that is kept."""
-
-MAX_LABEL: Final = 63
-
-
-def label_of(text: str) -> str:
-    """Return the nearest DNS label (RFC 1123), as containers need; empty without letters and digits."""
-    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:MAX_LABEL].rstrip("-")
+    units = {"Gi": 2**30, "Mi": 2**20, "Ki": 2**10}
+    return next((f"{size // unit}{name}" for name, unit in units.items() if size % unit == 0), str(size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,53 +84,125 @@ class Needs:
 
 
 @dataclass(frozen=True, slots=True)
-class Container:
-    """A container of the run, which runs its image's own command; its name is a DNS label."""
-
-    name: str
-    needs: Needs = Needs()
-
-
-@dataclass(frozen=True, slots=True)
-class RunDescription:
-    """One run, or one job of several, in containers of one image that share files, sockets, memory, and network.
+class Containers:
+    """What the containers of a campaign, or of each of its workers, need.
 
     Attributes:
         name: Campaign as a DNS label.
-        main: The container whose end is the run's.
-        sidecars: Containers that start before the main one and stop when it ends.
-        env: Variables of all containers.
-        folder: Base of the paths in `files`.
-        files: Files that the containers find below `/config`.
-        pre_command, post_command: Scripts in the main container, sourced before and run after its command by the image.
-        user: User id in the containers.
-        deadline_s: Seconds of the host after which everything is stopped; None for never.
+        env: Variables.
         node_labels: Labels that a cluster's node must have.
         tolerations: Tolerations of tainted nodes, as a pod has them.
     """
 
     name: str
-    image: str
-    main: Container
-    sidecars: tuple[Container, ...] = ()
+    needs: Needs = Needs()
     env: Mapping[str, str] = field(default_factory=dict)
-    folder: Path = Path()
-    files: tuple[str, ...] = ()
-    pre_command: str | None = None
-    post_command: str | None = None
-    user: int = 1000
-    deadline_s: int | None = None
     node_labels: Mapping[str, str] = field(default_factory=dict)
     tolerations: Sequence[Mapping[str, str | int]] = ()
 
-    def environment_of(self, container: Container) -> dict[str, str]:
-        """Return the container's variables, which name the scripts to the main one."""
-        own = {
-            "CAMPAIGN_ID": self.name,
-            "CONTAINER_NAME": container.name,
-            "ROS_LOG_DIR": f"{OUT}/logs/{container.name}",
+
+def containers_of(campaign: Campaign, name: str, context: str | None = None) -> Containers:
+    """Return what the containers of `campaign`, which is called `name`, need.
+
+    Args:
+        context: Cluster (kubeconfig context) whose resources count; by default the first one in the file.
+
+    Raises:
+        FileError: values that containers can't have.
+    """
+    reader = _Reader(campaign, context)
+    found = Containers(
+        name=label_of(name) or "campaign",
+        needs=reader.needs(),
+        env=dict(reader.environment()),
+        node_labels=dict(reader.node_labels()),
+        tolerations=tuple(reader.jobs.tolerations) if reader.jobs else (),
+    )
+    if reader.faults:
+        raise FileError(reader.faults)
+    return found
+
+
+class _Reader:
+    """One reading of a campaign's `execution`, with its faults."""
+
+    def __init__(self, campaign: Campaign, context: str | None) -> None:
+        self.faults: list[Fault] = []
+        self._campaign = campaign
+        self._execution = campaign.spec.execution
+        self.jobs = self._execution.kubernetes and self._execution.kubernetes.jobs
+        self._context = context or next(_contexts(self._execution.resources), "")
+
+    def needs(self) -> Needs:
+        resources = self._execution.resources
+        if resources is None:
+            return Needs()
+        memory = self._chosen(resources.memory, "memory")
+        size = None
+        if memory is not None:
+            text, where = memory
+            try:
+                size = memory_bytes(text)
+            except ValueError as error:
+                what, _, right = str(error).partition("; ")
+                self._fault(where, what, right)
+        cpu = self._chosen(resources.cpu, "cpu")
+        return Needs(cpu[0] if cpu else None, size, resources.gpu or 0)
+
+    def environment(self) -> Iterator[tuple[str, str]]:
+        """Yield the variables in the order of the file; of two with one name the later counts."""
+        for i, entry in enumerate(self._execution.env):
+            for name, value in entry.items():
+                location = ("execution", "env", i, name)
+                if not VARIABLE.fullmatch(name):
+                    self._fault(location, f"got {name!r}", "letters, digits and underscores", "key")
+                elif isinstance(value, list | dict):
+                    self._fault(location, "got a list or mapping", "text, a number, true or false")
+                else:
+                    yield name, self._as_written(location, value)
+
+    def node_labels(self) -> Iterator[tuple[str, str]]:
+        for name, value in (self.jobs.node_labels if self.jobs else {}).items():
+            location = ("execution", "kubernetes", "jobs", "node_labels", name)
+            text = "" if isinstance(value, list | dict) else self._as_written(location, value)
+            if not NODE_LABEL.fullmatch(name):
+                self._fault(location, f"got {name!r}", "a label such as node-type or example.org/node-type", "key")
+            elif isinstance(value, list | dict) or not NODE_LABEL_VALUE.fullmatch(text):
+                self._fault(location, f"got {shown(value)}", "at most 63 letters, digits, '-', '_' and '.'")
+            else:
+                yield name, text
+
+    def _chosen(self, amounts: T | list[dict[str, T]] | None, key: str) -> tuple[T, Location] | None:
+        """Return the chosen cluster's amount and its place, if any."""
+        location = ("execution", "resources", key)
+        if amounts is None or not isinstance(amounts, list):
+            return None if amounts is None else (amounts, location)
+        places: dict[str, tuple[T, Location]] = {
+            context: (amount, (*location, i, context))
+            for i, entry in enumerate(amounts)
+            for context, amount in entry.items()
         }
-        scripts = {"PRE_COMMAND": self.pre_command, "POST_COMMAND": self.post_command}
-        if container.name == self.main.name:
-            own.update({name: path for name, path in scripts.items() if path is not None})
-        return {**self.env, **own}
+        if not places:
+            self._fault(location, "got an empty list", "an amount, or one for each context, '- context: amount'")
+        elif self._context not in places:
+            self._fault(location, f"nothing for the context {self._context!r}", did_you_mean(self._context, places))
+        return places.get(self._context)
+
+    def _as_written(self, location: Location, value: Any) -> str:
+        """Return a value of YAML as text: `1.10` and `yes` are 1.1 and true to YAML."""
+        if value is None or isinstance(value, str):
+            return value or ""
+        line, column = self._campaign.document.place(location)
+        match = PLAIN_SCALAR.match(self._campaign.document.text.split("\n")[line - 1], column - 1)
+        if match and (yaml.safe_load(match[0]) == value or EXPONENT.fullmatch(match[0])):
+            return match[0]
+        return str(value).lower() if isinstance(value, bool) else str(value)
+
+    def _fault(self, location: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> None:
+        self.faults.append(self._campaign.fault(location, what, right, at))
+
+
+def _contexts(resources: Resources | None) -> Iterator[str]:
+    for amounts in (resources.cpu, resources.memory) if resources else ():
+        for entry in amounts if isinstance(amounts, list) else ():
+            yield from entry

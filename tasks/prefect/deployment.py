@@ -1,16 +1,17 @@
 """Deployments of Prefect: entries of `prefect.yaml`, and a campaign's values for the templates of work pools.
 
-A flow run that a worker starts runs the whole campaign in one container of vastflow's own image. Containers that the campaign
-file asks for are its sidecars.
+A flow run that a worker starts runs the whole campaign in one container of vastflow's own image.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from vastflow.tasks.prefect.containers import RunDescription, compose_memory, label_of
-from vastflow.tasks.prefect.manifests import config_map_items, config_map_name, pod_spec
+from vastflow.sim.model.names import label_of
+
+if TYPE_CHECKING:
+    from vastflow.tasks.prefect.containers import Containers
 
 FLOW: Final = "campaign"
 ENTRYPOINT: Final = "vastflow.flows.campaign.campaign"
@@ -112,28 +113,19 @@ CPU: Final = 2
 """Cores that are requested for a campaign whose file says nothing."""
 
 
-def job_variables(kind: PoolType, description: RunDescription, image: str, queue: str) -> dict[str, Any]:
-    """Return a campaign's values for its pool's template; the description's own image is for sidecars."""
-    needs = description.main.needs
+def job_variables(kind: PoolType, containers: "Containers", image: str, queue: str) -> dict[str, Any]:
+    """Return a campaign's values for its pool's template."""
+    needs = containers.needs
     if kind is PoolType.process:
         return {}
     if kind is PoolType.docker:
-        limit = {} if needs.memory_bytes is None else {"mem_limit": compose_memory(needs.memory_bytes)}
+        limit = {} if needs.memory_bytes is None else {"mem_limit": f"{needs.memory_bytes}b"}
         return {"image": image, **limit}
-    sidecars = pod_spec(description).get("initContainers", [])
     found = {
         "image": image,
         "queue": queue,
         **needs.quantities,
-        "node_selector": dict(description.node_labels),
-        "tolerations": list(description.tolerations),
-        "files": config_map_name(description) if description.files else "",
-        "file_items": config_map_items(description),
-        "sidecars": [_sidecar(container, description.user) for container in sidecars],
+        "node_selector": dict(containers.node_labels),
+        "tolerations": list(containers.tolerations),
     }
     return {name: value for name, value in found.items() if value}
-
-
-def _sidecar(container: dict[str, Any], user: int) -> dict[str, Any]:
-    own = {"runAsUser": user, "runAsNonRoot": user != 0}
-    return {**container, "securityContext": {**container.get("securityContext", {}), **own}}

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from vastflow.tasks.prefect.containers import Needs, RunDescription, kubernetes_memory
+from vastflow.tasks.prefect.containers import Containers, Needs, kubernetes_memory
 from vastflow.tasks.prefect.deployment import NAME
 from vastflow.tasks.prefect.manifests import filled, literal_variables, template, yaml_text
 
@@ -29,7 +29,7 @@ def scheduler_address(name: str) -> str:
 
 
 def cluster_files(
-    description: RunDescription,
+    containers: Containers,
     command: Sequence[str],
     workers: int,
     image: str,
@@ -40,7 +40,7 @@ def cluster_files(
     """Return content of the folder's files by name; `kubectl apply -k` leaves out namespace and Kueue's `queues.yaml`.
 
     Args:
-        description: Its resources, variables, node labels, and tolerations are those of a worker.
+        containers: Their resources, variables, node labels, and tolerations are those of a worker.
         command: Command line of the campaign, which drives the workers at `scheduler_address`.
         workers: Number of workers, of one thread each.
         image: Image with vastflow and the campaign.
@@ -53,10 +53,10 @@ def cluster_files(
     http = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
     options = ["--nthreads", "1", "--memory-limit", "0", *http]
     scheduler = ["dask", "scheduler", "--port", "8786", *http]
-    worker = ["sh", "-c", parts["worker_script"], "worker", scheduler_address(description.name), *options]
+    worker = ["sh", "-c", parts["worker_script"], "worker", scheduler_address(containers.name), *options]
     if operator:  # it starts workers anew, and ends them
         worker = ["dask", "worker", "--name", "$(DASK_WORKER_NAME)", *options]
-    needs = description.main.needs
+    needs = containers.needs
     needs = Needs(needs.cpu or _WORKER_NEEDS.cpu, needs.memory_bytes or _WORKER_NEEDS.memory_bytes, needs.gpu)
     others = _SCHEDULER_NEEDS, _CAMPAIGN_NEEDS
     total_bytes = (needs.memory_bytes or 0) * workers + sum(each.memory_bytes or 0 for each in others)
@@ -71,7 +71,7 @@ def cluster_files(
 
     scheduler_container = container("scheduler", scheduler, _SCHEDULER_NEEDS, {}, port=8786, is_sidecar=not operator)
     values = {
-        "name": description.name,
+        "name": containers.name,
         "namespace": NAME,
         "queue": queue,
         "workers": workers,
@@ -81,13 +81,13 @@ def cluster_files(
         "total_memory": kubernetes_memory(total_bytes),
         "scheduler_pod": pod(scheduler_container),
         "worker_pod": pod(
-            container("worker", worker, needs, description.env, secret=description.name),
+            container("worker", worker, needs, containers.env, secret=containers.name),
             restart_policy=None if operator else "Never",
-            node_labels=description.node_labels,
-            tolerations=description.tolerations,
+            node_labels=containers.node_labels,
+            tolerations=containers.tolerations,
         ),
         "campaign_pod": pod(
-            container("campaign", command, _CAMPAIGN_NEEDS, {}, secret=description.name),
+            container("campaign", command, _CAMPAIGN_NEEDS, {}, secret=containers.name),
             restart_policy="Never",
             sidecar=None if operator else scheduler_container,
         ),

@@ -1,14 +1,11 @@
-"""A run description as a file of Docker Compose or a pod of Kubernetes."""
+"""Manifests: shipped templates, filled in and written as YAML."""
 
-import json
 import re
 from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any, Final
 
 import yaml
-
-from vastflow.tasks.prefect.containers import Container, RunDescription, compose_memory
 
 _SHIPPED: Final = "vastflow.deployments"
 _PLACEHOLDER: Final = re.compile(r"\{\{ ((?:(?! \}\}).)+) \}\}")
@@ -75,68 +72,6 @@ def yaml_text(*manifests: Mapping[str, Any]) -> str:
     """Return manifests in their own order as documents of one YAML file, which loads back equal."""
     dumped = (yaml.dump(each, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120) for each in manifests)
     return "---\n".join(dumped)
-
-
-OUT_FOLDER: Final = "./out"
-
-
-def compose_file(description: RunDescription) -> dict[str, Any]:
-    """Return the file of Docker Compose, with paths relative to the campaign file's folder.
-
-    As in a pod, the containers share network, `/dev/shm`, and two folders, and the main one starts last.
-    """
-    parts = template("templates/compose.yaml")
-    containers = (*description.sidecars, description.main)
-    mounts = [filled(parts["mount"], {"file": file}) for file in description.files]
-    values = {"description": description, "first": containers[0], "folders": parts["folders"], "mounts": mounts}
-    services = {
-        each.name: filled(parts["service"], {**values, "each": each, "memory_text": compose_memory})
-        for each in containers
-    }
-    file = filled(parts["file"], {**values, "services": services})
-    # Compose takes a single dollar for a variable.
-    return dict(json.loads(json.dumps(file).replace("$", "$$")))
-
-
-def pod_template(description: RunDescription) -> dict[str, Any]:
-    """Return a `PodTemplate` with a `template` for a Job."""
-    values = {"name": description.name, "spec": pod_spec(description)}
-    return dict(filled(template("templates/pod.yaml")["pod_template"], values))
-
-
-def pod_spec(description: RunDescription) -> dict[str, Any]:
-    """Return the `PodSpec` of `pod_template`."""
-    parts = template("templates/pod.yaml")
-    config = {"config_map": config_map_name(description), "items": config_map_items(description)}
-
-    def container(each: Container, restart_policy: str | None = None) -> Any:
-        own = {"each": each, "restart_policy": restart_policy, **each.needs.quantities}
-        return filled(parts["container"], {**parts, **own, "description": description, "env": env_of(each)})
-
-    def env_of(each: Container) -> list[dict[str, str]]:
-        return literal_variables(description.environment_of(each))
-
-    values = {
-        "description": description,
-        "sidecars": [container(each, "Always") for each in description.sidecars],
-        "main": container(description.main),
-        "config_volume": filled(parts["config_volume"], config),
-    }
-    return dict(filled(parts["spec"], values))
-
-
-def config_map_name(description: RunDescription) -> str:
-    """Return the name of the ConfigMap with the run's files."""
-    return f"{description.name}-files"
-
-
-def config_map_items(description: RunDescription) -> list[dict[str, str]]:
-    """Return each file with its key in the ConfigMap, as keys can't hold every character of a path."""
-    names = [re.sub(r"[^-.\w]", "_", file.rpartition("/")[2], flags=re.ASCII) for file in description.files]
-    return [
-        {"key": f"{k}-{name}", "path": file}
-        for k, (name, file) in enumerate(zip(names, description.files, strict=True))
-    ]
 
 
 def literal_variables(variables: Mapping[str, str]) -> list[dict[str, str]]:

@@ -1,6 +1,5 @@
-"""`vastflow deploy` without Prefect's API: what it prints, and what it says of wrong options and lost APIs."""
+"""`vastflow deploy` without Prefect's API: what it prints and says of wrong options and lost APIs."""
 
-import re
 import shlex
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -11,19 +10,14 @@ import yaml
 from command_line import called, refused
 from prefect.cli.deploy._models import DeploymentConfig
 from prefect.settings import temporary_settings
-from table import each_row
 
 from vastflow.flows.campaign import campaign as campaign_flow
 from vastflow.flows.cli import deploy as deploy_command
-from vastflow.flows.cli.deploy import MOST_IN_A_CONFIG_MAP, NO_API
-from vastflow.producers.campaign_file.spec import ExecutionSpec
+from vastflow.flows.cli.deploy import NO_API
 from vastflow.tasks.prefect import retry
 from vastflow.tasks.prefect.deployment import PoolType
-from vastflow.tasks.prefect.manifests import compose_file, config_map_items, pod_template
 from vastflow.tasks.prefect.registration import pool_template
 
-PAGE = (Path(__file__).parents[2] / "docs" / "describe-the-execution.md").read_text()
-IMAGE = "  image: ghcr.io/me/robot:1.0\n"
 CLUSTER = ("--pool", "cluster", "--type", "kubernetes", "--image", "ghcr.io/me/vastflow:7", "--queue", "nightly")
 
 
@@ -88,8 +82,7 @@ def test_deploy_refuses_wrong_options_and_files(campaign_file, golden, tmp_path)
     golden("execution", "deploy", faults_of)
 
 
-def test_deploy_refuses_file_outside_of_image_and_unknown_format(file, tmp_path, monkeypatch):
-    assert called("deploy", file, "--format", "helm").exit_code == 2
+def test_deploy_refuses_file_outside_of_image(file, tmp_path, monkeypatch):
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     said = refused("deploy", tmp_path / file, "--pool", "cluster", "--type", "kubernetes", "--dry-run")
@@ -138,49 +131,3 @@ def test_deploy_asks_busy_api_again(file, busy_api):
     assert "is busy; trying again for up to 2 s" in result.output
     assert "was busy for 2 s; deploy again later" in result.output
     assert "503" not in result.output
-
-
-def test_format_compose_prints_file_and_omissions(described, tmp_path):
-    description = described()
-    result = called("deploy", tmp_path / "rooms.vast", "--format", "compose")
-    assert (result.exit_code, yaml.safe_load(result.stdout)) == (0, compose_file(description))
-    assert [line.split(":")[0] for line in result.stderr.splitlines()] == [
-        f"save it in {tmp_path}; make a folder ./out there that user 1001 can write to",
-        "execution.timeout",
-        "execution.kubernetes.jobs.node_labels",
-    ]
-
-
-def test_format_kubernetes_prints_template_and_config_map_command(described, campaign_file, tmp_path):
-    description = described()
-    file = tmp_path / "rooms.vast"
-    result = called("deploy", file, "--format", "kubernetes")
-    assert (result.exit_code, yaml.safe_load(result.stdout)) == (0, pod_template(description))
-    (note,) = result.stderr.splitlines()
-    command = shlex.split(note.partition("make it by: ")[2])
-    assert command[:4] == ["kubectl", "create", "configmap", "two-rooms-files"]
-    items = config_map_items(description)
-    assert command[4:] == [f"--from-file={each['key']}={tmp_path / each['path']}" for each in items]
-    result = called("deploy", file, "--format", "kubernetes", "--context", "cloud")
-    (main,) = yaml.safe_load(result.stdout)["template"]["spec"]["containers"]
-    assert main["resources"]["requests"] == {"cpu": "16", "memory": "1500000000"}
-    (tmp_path / "big.bin").write_bytes(bytes(MOST_IN_A_CONFIG_MAP + 1))
-    result = called("deploy", campaign_file(f"{IMAGE}  run_files: [big.bin]\n"), "--format", "kubernetes")
-    said = f"execution.run_files: expected at most {MOST_IN_A_CONFIG_MAP} bytes for a ConfigMap, got 1048577"
-    assert (result.exit_code, result.stderr.splitlines()[1]) == (0, said)
-
-
-@each_row("format_", ["compose", "kubernetes"])
-def test_example_of_page_can_be_described(campaign_file, format_):
-    example = PAGE.partition("```yaml\nexecution:\n")[2].partition("```")[0]
-    result = called("deploy", campaign_file(example), "--format", format_)
-    assert (result.exit_code, bool(result.stdout)) == (0, True), result.stderr
-
-
-def test_page_names_used_and_unused_keys():
-    table = PAGE.partition("| key of `execution` |")[2].partition("\n\n")[0]
-    cells = [row.split("|")[1] for row in table.splitlines()[2:]]
-    named = {key.partition(".")[0] for cell in cells for key in re.findall(r"`([\w.]+)`", cell)}
-    in_sentences = {"pre_command", "post_command", "runs_per_job"}
-    of_the_simulator = {"scenario_file", "nav2_params", "nav2_release"}
-    assert named | in_sentences | of_the_simulator == set(ExecutionSpec.model_fields)

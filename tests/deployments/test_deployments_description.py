@@ -1,4 +1,4 @@
-"""Descriptions of a run from a campaign's `execution`, and amounts of memory in the units of Kubernetes and Docker Compose."""
+"""What containers need by a campaign's `execution`, and amounts of memory in the units of Kubernetes."""
 
 import re
 
@@ -8,17 +8,13 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.model.faults import FileError
+from vastflow.sim.model.names import label_of
 from vastflow.tasks.prefect.containers import (
-    Container,
+    Containers,
     Needs,
-    RunDescription,
-    compose_memory,
     kubernetes_memory,
-    label_of,
     memory_bytes,
 )
-
-IMAGE = "  image: ghcr.io/me/robot:1.0\n"
 
 
 def faults(described, execution, context=None):
@@ -27,22 +23,14 @@ def faults(described, execution, context=None):
     return [str(fault).partition("rooms.vast:")[2] for fault in error.value.faults]
 
 
-def test_description_has_every_key(described, tmp_path):
-    assert described() == RunDescription(
+def test_containers_have_every_key(described):
+    assert described() == Containers(
         name="two-rooms",
-        image="ghcr.io/me/robot:1.0",
-        main=Container("main", Needs(cpu=4, memory_bytes=8 * 2**30, gpu=1)),
-        sidecars=(Container("nav-stack"), Container("simulation", Needs(2, 512 * 2**20))),
+        needs=Needs(cpu=4, memory_bytes=8 * 2**30, gpu=1),
         env={"FOO": "1", "COST": "$HOME $(FOO) $$x 'q'"},
-        folder=tmp_path,
-        files=("scripts/post.sh", "scripts/pre.sh", "deep/er/two words.yml"),
-        pre_command="/config/scripts/pre.sh",
-        post_command="/config/scripts/post.sh",
-        user=1001,
-        deadline_s=362,
         node_labels={"disk": "ssd", "example.org/fast": "true"},
     )
-    assert described(IMAGE) == RunDescription("two-rooms", "ghcr.io/me/robot:1.0", Container("main"), folder=tmp_path)
+    assert described("  runs: 1\n") == Containers("two-rooms")
 
 
 LISTS = "  resources:\n    memory: [{b: 2Gi}, {a: 1Gi}]\n    cpu: [{a: 1}, {b: 2}]\n"
@@ -66,10 +54,10 @@ LISTS = "  resources:\n    memory: [{b: 2Gi}, {a: 1Gi}]\n    cpu: [{a: 1}, {b: 2
     ],
 )
 def test_resources_belong_to_chosen_or_first_cluster(described, resources, context, needs):
-    assert described(IMAGE + resources, context).main.needs == Needs(*needs)
+    assert described(resources, context).needs == Needs(*needs)
 
 
-def test_description_refuses_impossible_containers(described, golden, tmp_path):
+def test_containers_refuse_impossible_values(described, golden, tmp_path):
     def faults_of(execution):
         context = "edg" if "[{edge: 4}]" in execution else None
         return [fault.replace(str(tmp_path), "HERE") for fault in faults(described, execution, context)]
@@ -82,24 +70,8 @@ def test_description_refuses_impossible_containers(described, golden, tmp_path):
     [("1", "1"), ("1.10", "1.10"), ("yes", "yes"), ("1e3", "1e3"), ("'a b'", "a b"), ("", ""), ("010", "010")],
 )
 def test_variable_has_value_as_it_is_written(described, written, text):
-    assert described(f"{IMAGE}  env:\n    - NAME: {written}\n").env == {"NAME": text}
-    assert described(f"{IMAGE}  env:\n    - A: &on true\n    - B: *on\n").env == {"A": "true", "B": "true"}
-
-
-def test_pattern_without_slash_matches_each_file_once(described):
-    assert described(f"{IMAGE}  run_files: ['*.sh', 'scripts/*', '**/pre.sh']\n").files == (
-        "scripts/post.sh",
-        "scripts/pre.sh",
-    )
-
-
-def test_scripts_are_for_main_container_alone(described):
-    found = described()
-    assert found.environment_of(found.main)["PRE_COMMAND"] == "/config/scripts/pre.sh"
-    environment = found.environment_of(found.sidecars[0])
-    assert "PRE_COMMAND" not in environment
-    assert environment["CONTAINER_NAME"] == "nav-stack"
-    assert environment["ROS_LOG_DIR"] == "/vastflow/out/logs/nav-stack"
+    assert described(f"  env:\n    - NAME: {written}\n").env == {"NAME": text}
+    assert described("  env:\n    - A: &on true\n    - B: *on\n").env == {"A": "true", "B": "true"}
 
 
 @each_row("text", ["Nav Stack", "_nav_", "x" * 62 + "-y", "Ä1", "nav"])
@@ -147,10 +119,7 @@ def test_memory_bytes_refuses_anything_else(text, right):
 @given(st.integers(1, 2**50))
 def test_memory_texts_read_back_equal(size):
     assert memory_bytes(kubernetes_memory(size)) == size
-    text = compose_memory(size)
-    assert int(text[:-1]) * {"b": 1, "k": 2**10, "m": 2**20, "g": 2**30}[text[-1]] == size
 
 
 def test_memory_texts_take_largest_unit_of_whole_number():
     assert [kubernetes_memory(size) for size in (2**33, 3 * 2**29, 10**9, 1)] == ["8Gi", "1536Mi", "1000000000", "1"]
-    assert [compose_memory(size) for size in (2**33, 3 * 2**29, 2**16, 1)] == ["8g", "1536m", "64k", "1b"]

@@ -237,8 +237,8 @@ def test_operator_gets_pods_of_campaign_scheduler_and_workers(file, tmp_path):
 
 def test_deploy_refuses_options_that_exclude_each_other(file, tmp_path):
     for options, said in (
-        ((), "expected one of --pool, --format, and --kubernetes, got none"),
-        (("--pool", "lab", "--format", "compose"), "--kubernetes, got --pool and --format"),
+        ((), "expected one of --pool and --kubernetes, got none"),
+        (("--pool", "lab", "--kubernetes", "folder"), "--kubernetes, got --pool and --kubernetes"),
         (("--pool", "lab", "--operator"), "--operator: requires --kubernetes"),
         (("--kubernetes", tmp_path / "k"), "--store: expected an address that all pods reach"),
         (("--kubernetes", tmp_path / "k", *STORE, "--cluster", "local:2"), "--cluster: --kubernetes makes a cluster"),
