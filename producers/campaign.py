@@ -113,14 +113,13 @@ class Campaign:
         return self.document.fault(location, what, right, at)
 
 
-def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool = False) -> Campaign:
+def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
     """Read a campaign file, with its producers' parameters and its maps.
 
     Maps and `file.py:Class` are relative to the file.
 
     Args:
         map_dir: Folder in which maps are looked for that are not beside the file, by the same relative path.
-        as_v1: Whether all its obstacles are placed as version 1 of RoboVAST does, whatever the file says.
 
     Raises:
         FileError: every fault of the file.
@@ -141,9 +140,7 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
     faults += [*abstract_faults, *program_faults]
     nav2 = nav2_params_of(document, path.parent)
     maps = MapSearch(path.parent, map_dir and map_dir.resolve())
-    reader = FamilyReader(
-        document, path.parent, abstract, nav2.system, maps, spec.execution.max_configurations, as_v1=as_v1
-    )
+    reader = FamilyReader(document, path.parent, abstract, nav2.system, maps, spec.execution.max_configurations)
     families = [family for family in _families(document, reader) if family.name not in reader.unavailable]
     searching = None
     if spec.search and not spec.configuration:
@@ -152,9 +149,7 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
             spec.search,
             spec.execution,
             path.parent,
-            lambda filled: FamilyReader(
-                filled, path.parent, abstract, nav2.system, maps, as_v1=as_v1, refuse_empty=False
-            ),
+            lambda filled: FamilyReader(filled, path.parent, abstract, nav2.system, maps, refuse_empty=False),
         )
         families, faults = [*searching.families], [*faults, *searching.faults]
     faults += [*reader.faults, *_family_set_faults(document), *_oracle_faults(document)]

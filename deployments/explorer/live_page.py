@@ -34,7 +34,7 @@ EVERY_S: Final = 0.5
 HEARTBEAT_S: Final = 15.0
 PATIENCE_S: Final = 120
 _WHOLE: Final = "[!.]*"
-_SHARED: Final = ("runs", "store", "map_dir", "as_v1")
+_SHARED: Final = ("runs", "store", "map_dir")
 """Options that decide which runs a configuration has, and where they are."""
 
 

@@ -35,20 +35,6 @@ from vastflow.flows.terminal.options import with_stages
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.engine.process import few_collections, return_freed_memory
 
-RENAMED: Final = {
-    "preview": "plan FILE --pictures 4",
-    "coverage": "plan FILE --coverage` or `vastflow show RESULTS --coverage",
-    "explain": "plan RESULTS --only CONFIGURATION --why",
-    "run --dry-run": "plan FILE --why",
-    "run --pool": "run FILE --cluster ADDRESS",
-    "run --shards": "run FILE --cluster ADDRESS",
-    "resume": "run RESULTS",
-    "schema": "validate --schema",
-    "bench": "dev bench",
-    "paper": "dev paper RESULTS...",
-}
-"""Former commands to those that do the same now."""
-
 GROUP: Final = "vastflow.commands"
 """Entry points of commands of higher layers, functions as typer takes them; only what they import at once must be light."""
 
@@ -67,10 +53,7 @@ class Commands(TyperGroup):
         return super().get_command(ctx, cmd_name) or next(map(_loaded, entry_points(group=GROUP, name=cmd_name)), None)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find a command; the name of a former one is an error that names its successor."""
-        options = (f"{args[0]} {each.partition('=')[0]}" for each in args[1:])
-        if former := next((each for each in (args[0], *options) if each in RENAMED), None):
-            raise UserError(f"expected `vastflow {RENAMED[former]}`, got `vastflow {former}`, which it replaces")
+        """Find a command; a stage after `--force` is its value."""
         return super().resolve_command(ctx, with_stages(args))
 
     def invoke(self, ctx: Any) -> Any:

@@ -66,14 +66,12 @@ def deploy(
         raise UserError("--operator: requires --kubernetes")
     from vastflow.flows.request.campaign_file import campaign_name, read_campaign
     from vastflow.sim.model.faults import FileError
-    from vastflow.sim.plug_ins.effects import looking_only
     from vastflow.tasks.prefect.adapter import import_prefect
     from vastflow.tasks.prefect.containers import containers_of
     from vastflow.tasks.prefect.deployment import CPU, Deployment, description_of, job_variables
 
     map_dir = asked["map_dir"]
-    with looking_only():
-        campaign, _ = read_campaign(file, map_dir, as_v1=asked["as_v1"])
+    campaign, _ = read_campaign(file, map_dir)
     if campaign.unexecutable:
         raise FileError(campaign.unexecutable)
     title = campaign_name(campaign)

@@ -16,7 +16,7 @@ from vastflow.flows.terminal.ending import Interruptible, check_writable, writin
 from vastflow.flows.terminal.options import AsJson, Out, asking
 
 
-@asking("runs", "results", "store", "only", "sample", "map_dir", "as_v1", "strict", "force")
+@asking("runs", "results", "store", "only", "sample", "map_dir", "strict", "force")
 def plan(
     source: Campaign,
     asked: Mapping[str, Any],
@@ -45,11 +45,9 @@ def plan(
         from vastflow.flows.plan.text import plan_json, plan_text
         from vastflow.flows.results.directory import directory_name
         from vastflow.flows.terminal.display import printed
-        from vastflow.sim.plug_ins.effects import looking_only
 
         with requested(source, asked, trust) as request, TemporaryDirectory(prefix="vastflow-") as environments:
-            with looking_only():
-                found = plan_of(request, Path(environments), since or (source if is_directory(source) else None))
+            found = plan_of(request, Path(environments), since or (source if is_directory(source) else None))
             for fault in found.unexecutable:
                 print(f"this version can't run the file: {fault}", file=sys.stderr)
             if not as_json:

@@ -84,12 +84,15 @@ def requested(source: Path, asked: Mapping[str, Any], trust: bool) -> Iterator[R
     with reading(directory):
         metadata = read_json(directory / "metadata.json")
         before, title = asked_of(metadata), f"{metadata['name']} of {metadata['created'].replace('T', ' ')}"
+    if metadata["asked"].get("as_v1"):
+        raise UserError(
+            f"{directory}: it was run with --as-v1, which is gone; write placement: as_v1 into a campaign file"
+        )
     only = f", only {', '.join(before.only)}" if before.only else ""
     only += "" if before.sample is None else f", a sample of {before.sample}"
-    only += ", obstacles as version 1 of RoboVAST places them" if before.as_v1 else ""
     runs = f"{count_text(before.runs, 'run')} of each configuration{' at most' * before.sequential}"
     print(f"{title} from the inputs in {directory}, {runs}{only}", file=sys.stderr)
-    selected = {name: getattr(before, name) for name in ("only", "sample", "as_v1")} | {"runs": before.fixed_runs}
+    selected = {name: getattr(before, name) for name in ("only", "sample")} | {"runs": before.fixed_runs}
     with executing(directory, trust), replica(directory, before) as laid_out:
         places = {"results": directory.parent, "map_dir": laid_out.map_dir}
         yield asked_request(laid_out.file, {**asked, **selected, **places})

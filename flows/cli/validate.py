@@ -34,7 +34,7 @@ def _print_converted(file: Path) -> None:
         print(f"left out, as version 1 has no place for it: {name}", file=sys.stderr)
 
 
-@asking("map_dir", "as_v1", "strict")
+@asking("map_dir", "strict")
 def validate(
     file: CampaignFile,
     asked: Mapping[str, Any],
@@ -61,13 +61,11 @@ def validate(
     from vastflow.flows.request.campaign_file import read_campaign, terminal_lines
     from vastflow.producers.campaign import infeasible_lengths
     from vastflow.producers.search.criteria import plan_text
-    from vastflow.sim.plug_ins.effects import looking_only
     from vastflow.tasks.engine.machine_check import check_numba
 
     check_numba()
-    with looking_only():
-        campaign, oracles = read_campaign(file, **asked)
-        infeasible = infeasible_lengths(campaign)
+    campaign, oracles = read_campaign(file, **asked)
+    infeasible = infeasible_lengths(campaign)
     unexecutable = {(fault.place.file, fault.place.line, fault.place.column) for fault in campaign.unexecutable}
     notes = [
         note for note in campaign.notes if (note.place.file, note.place.line, note.place.column) not in unexecutable

@@ -169,7 +169,7 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
         StoreError: the store can't be used.
     """
     map_dir = None if request.map_dir is None else Path(request.map_dir)
-    campaign, oracles = read_campaign(Path(request.campaign), map_dir, as_v1=request.as_v1, strict=request.strict)
+    campaign, oracles = read_campaign(Path(request.campaign), map_dir, strict=request.strict)
     if campaign.search is not None:
         words = plan_text(campaign.search.spec, campaign.runs, at_most=campaign.sequential is not None)
         what = f"what a search proposes follows from its runs; it is a {words}"

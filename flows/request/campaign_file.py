@@ -55,19 +55,19 @@ def _rest(note: Fault) -> str:
 
 
 def read_campaign(
-    path: Path, map_dir: Path | None = None, *, as_v1: bool = False, strict: bool = False
+    path: Path, map_dir: Path | None = None, *, strict: bool = False
 ) -> tuple[Campaign, tuple[Oracle[Any], ...]]:
     """The campaign at `path` and the oracles that judge it, `success` first.
 
     Args:
-        map_dir, as_v1: See `RunRequest`.
+        map_dir: See `RunRequest`.
         strict: Whether keys that nothing knows are faults.
 
     Raises:
         FileError: every fault of the file.
     """
     try:
-        campaign = load_campaign(path, map_dir, as_v1=as_v1)
+        campaign = load_campaign(path, map_dir)
     except FileError as error:
         beside: list[Fault] = []  # those of the oracles
         with suppress(FileError, ValidationError):  # said already
@@ -153,16 +153,14 @@ class OpenCampaign:
         return campaign_name(self.campaign)
 
 
-def open_campaign(
-    path: str | os.PathLike[str], store: str | os.PathLike[str] | None, *, as_v1: bool = False
-) -> OpenCampaign:
+def open_campaign(path: str | os.PathLike[str], store: str | os.PathLike[str] | None) -> OpenCampaign:
     """Read a campaign file and open the store.
 
     Raises:
         FileError: every fault of the file, or why this version can't run it.
         StoreError: the store can't be used.
     """
-    campaign, oracles = read_campaign(Path(path), as_v1=as_v1)
+    campaign, oracles = read_campaign(Path(path))
     if campaign.unexecutable:
         raise FileError(campaign.unexecutable)
     if campaign.search is not None:

@@ -22,10 +22,9 @@ ForcedStage: TypeAlias = Literal["all", "instantiate", "execute", "observe", "ju
 
 @dataclass(frozen=True, slots=True)
 class OnCommandLine:
-    """Option of a request's field, where the word for its value or its name does not follow from the field."""
+    """Option of a request's field, where the word for its value does not follow from the field."""
 
     metavar: str | None = None
-    flag: str | None = None
 
 
 class RunRequest(BaseModel):
@@ -51,9 +50,6 @@ class RunRequest(BaseModel):
     map_dir: Annotated[Text | None, OnCommandLine("FOLDER")] = Field(
         None,
         description="Folder of maps that are not beside the campaign file, at the same relative paths.",
-    )
-    as_v1: Annotated[bool, OnCommandLine(flag="--as-v1")] = Field(
-        False, description="Place all obstacles as RoboVAST version 1 does."
     )
     strict: bool = Field(False, description="Treat unknown keys in the file as errors.")
     force: Annotated[ForcedStage | None, OnCommandLine("[STAGE]")] = Field(
@@ -173,7 +169,7 @@ class Asked:
     Attributes:
         runs: Of each configuration, at most where they end by a rule.
         places: File from outside of the campaign file's folder, relative to that, to its place below `inputs/`.
-        only, sample, as_v1: See `RunRequest`.
+        only, sample: See `RunRequest`.
         sequential: Whether they end by the file's rule.
     """
 
@@ -182,7 +178,6 @@ class Asked:
     only: tuple[str, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)
     sample: int | None = None
-    as_v1: bool = False
     sequential: bool = False
 
     @property

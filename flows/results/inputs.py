@@ -171,7 +171,7 @@ def replica(directory: Path, asked: Asked) -> Iterator[Replica]:
             raise UnusableDirectory(f"{directory}: its inputs can't be read: {error}") from None
         kept = {read_bytes(path) for path in files_below(directory / "inputs")}
         try:
-            found = inputs_of(*read_campaign(laid_out.file, laid_out.map_dir, as_v1=asked.as_v1))
+            found = inputs_of(*read_campaign(laid_out.file, laid_out.map_dir))
         except FileError as error:
             words = str(error).replace(str(laid_out.file), str(directory / "campaign.vast")).replace(folder, "")
             raise UnusableDirectory(f"{directory}: its inputs can't be read any more: {words}") from None

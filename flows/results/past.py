@@ -38,7 +38,6 @@ class _Asked(TypedDict):
     only: list[str]
     places: dict[str, str]
     sample: int | None
-    as_v1: bool
 
 
 class _StageSources(TypedDict):

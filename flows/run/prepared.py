@@ -96,7 +96,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
     with told(observer) as tally, few_collections():
         work = stopwatch(tally)
         map_dir = None if request.map_dir is None else Path(request.map_dir)
-        campaign, oracles = read_campaign(Path(request.campaign), map_dir, as_v1=request.as_v1, strict=request.strict)
+        campaign, oracles = read_campaign(Path(request.campaign), map_dir, strict=request.strict)
         if campaign.unexecutable:
             raise FileError(campaign.unexecutable)
         inputs = inputs_of(campaign, oracles)
@@ -112,7 +112,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
             stopping = stopping_of(campaign.sequential)
             rule = {SEQUENTIAL: stopping.as_json}
         runs = campaign.runs_asked(request.runs, request.sample)
-        asked = Asked(campaign.path.name, runs, request.only, inputs.places, request.sample, request.as_v1)
+        asked = Asked(campaign.path.name, runs, request.only, inputs.places, request.sample)
         search = search_progress(campaign, request, stopping, runs, store, inputs.campaign, tally)
         record = {"asked": asked.as_json(), **rule, **ingredients_row(tree, campaign.families, oracles)}
         forced = Forced(request.forced)

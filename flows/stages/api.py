@@ -40,7 +40,6 @@ def instantiate(
     *,
     store: str | os.PathLike[str] | None = None,
     workers: int | None = None,
-    as_v1: bool = False,
 ) -> Configurations:
     """Make the configurations of a campaign; nothing is executed.
 
@@ -51,14 +50,13 @@ def instantiate(
         path: The campaign file.
         store: As `run_campaign` has it; the stages after this one use the same.
         workers: Worker processes, else one a core.
-        as_v1: As `run_campaign` has it.
 
     Raises:
         FileError: faults of the file.
         StoreError: the store can't be used.
         PrefectUnavailable: Prefect's API can't be started.
     """
-    opened = open_campaign(path, store, as_v1=as_v1)
+    opened = open_campaign(path, store)
     tree = installed_tree()
     keys = campaign_keys(tree, opened.campaign.seed, opened.oracles)
     instantiator = Instantiator(opened.campaign, opened.store, keys, tree)

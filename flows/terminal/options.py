@@ -147,9 +147,7 @@ def _option(name: str, defaults: Mapping[str, Any]) -> Parameter:
     schema = next((each for each in schema.get("anyOf", ()) if each["type"] != "null"), schema)  # of the value
     default = defaults.get(name, None if schema["type"] == "array" else about.get_default())
     said = next((each for each in about.metadata if isinstance(each, OnCommandLine)), OnCommandLine())
-    flags = () if said.flag is None else (said.flag,)
     option = typer.Option(
-        *flags,
         metavar=said.metavar,
         min=schema.get("minimum"),
         help=about.description,

@@ -3,10 +3,10 @@
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Final, Literal, Self, TypeAlias, TypeVar
+from typing import Annotated, Any, Final, Literal, Self, TypeVar
 
 import numpy as np
-from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, model_validator
 
 from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import DRAW, REQUESTED, Fragment, Rejection
@@ -41,22 +41,8 @@ LIST_KEY: Final = "static_objects"
 """The usual key of a list of obstacles."""
 LISTS_KEY: Final = "_obstacles"
 """Key to list of the obstacles that producers placed so far, for those that place more."""
-AS_V1: Final = "as_v1"
-"""Key of the validation context by which every producer of a file places as version 1 does, whatever the file says."""
-
-Placement: TypeAlias = Annotated[
-    Literal["constructive", "as_v1"],
-    BeforeValidator(lambda value, info: AS_V1 if (info.context or {}).get(AS_V1) else value),
-    Field(validate_default=True),
-]
-"""Rule of placement: all obstacles stand free, or as version 1 of RoboVAST places them."""
-
-DIFFERS: Final[Mapping[str, str]] = {
-    "constructive": "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does "
-    "--as-v1 or placement: as_v1",
-    "as_v1": "obstacles may stand in walls and in each other, as in version 1 of RoboVAST; without --as-v1 they keep clear",
-}
-"""Note on a default placement, if the other rule gives other places."""
+DIFFERS: Final = "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does placement: as_v1"
+"""Note on the default placement, if the other rule gives other places."""
 
 
 def _with_args(schema: dict[str, Any]) -> None:
@@ -139,7 +125,7 @@ class ObstacleParameters(producer.Parameters):
     """The kinds of obstacle in each configuration. Listed values are combined, within a kind and over the kinds."""
     count: Count = 1
     """Placements drawn of each combination."""
-    placement: Placement = "constructive"
+    placement: Literal["constructive", "as_v1"] = "constructive"
     """`constructive`: clear of walls, of each other, and of the robot. `as_v1`: as version 1 of RoboVAST places them, with centers apart
     and a path left, but into walls and into each other."""
     seed: Seed = 0
@@ -185,7 +171,7 @@ class ObstacleProducer(Producer[O]):
         asked = self.parameters
         if "placement" in asked.model_fields_set or not any(config.places_any for config in asked.obstacle_configs):
             return ()
-        return (DIFFERS[asked.placement],)
+        return (DIFFERS,)
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield `count` placements of each combination, earlier kinds and amounts outermost.

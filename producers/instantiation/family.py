@@ -81,7 +81,6 @@ class FamilyReader:
         maps: MapSearch | None = None,
         max_configurations: int = ExecutionSpec().max_configurations,
         *,
-        as_v1: bool = False,
         refuse_empty: bool = True,
     ) -> None:
         """Read families of `document`; file names are relative to `base`.
@@ -91,7 +90,6 @@ class FamilyReader:
             system: Values of the system dimension that every family has.
             maps: Where maps are; else below `base`.
             max_configurations: Of each family.
-            as_v1: Whether obstacles are placed as version 1 of RoboVAST does, whatever the file says.
             refuse_empty: Whether constraints that leave nothing of a family are a fault.
         """
         self.faults: list[Fault] = []
@@ -104,7 +102,7 @@ class FamilyReader:
         self._max_configurations = max_configurations
         self._refuse_empty = refuse_empty
         self._search = maps or MapSearch(base)
-        self._context = {"base": base, "maps": self._search, "as_v1": as_v1, "plans": {}}
+        self._context = {"base": base, "maps": self._search, "plans": {}}
         self._remarked: set[str] = set()
         self._maps: dict[str, FileContent] = {}
         self._overridden, self._overrides = self._fixed(OVERRIDES)

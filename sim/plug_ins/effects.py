@@ -1,7 +1,7 @@
-"""Guards round users' code: exits become errors, validation has no effects, and reads are declared.
+"""Guards round users' code: exits become errors, and reads are declared.
 
-Python tells of opened files, programs and connections as audit events. Native code that calls the system itself passes by, and so
-do threads that the code starts.
+Python tells of opened files as audit events. Native code that calls the system itself passes by, and so do threads that the code
+starts.
 """
 
 import os
@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
-from types import FrameType
 from typing import Any, Final
 
 import platformdirs
@@ -22,71 +21,17 @@ import platformdirs
 from vastflow.sim.plug_ins.neighbors import FILES, PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot
 
-_WRITES: Final = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _COMPILED: Final = (".pyc", ".nbi", ".nbc")
 _OWN: Final = tuple(
     str(Path(__file__).parents[2] / name) for name in ("sim", "producers", "oracles", "tasks", "flows", "deployments")
 )
-_IMPORTING: Final = "<frozen importlib"
 _OPEN: Final = "open"
-_DONE: Final = {
-    _OPEN: "write to a file",
-    "os.system": "start a program",
-    "os.exec": "start a program",
-    "os.posix_spawn": "start a program",
-    "os.spawn": "start a program",
-    "os.startfile": "start a program",
-    "subprocess.Popen": "start a program",
-    "pty.spawn": "start a program",
-    "os.fork": "start a process",
-    "os.forkpty": "start a process",
-    "os.kill": "send a signal",
-    "os.killpg": "send a signal",
-    "socket.connect": "open a connection",
-    "socket.bind": "open a connection",
-    "socket.sendto": "open a connection",
-    "socket.getaddrinfo": "open a connection",
-    "sqlite3.connect": "open a database",
-    "os.mkdir": "make a folder",
-    "os.remove": "remove a file",
-    "os.rmdir": "remove a folder",
-    "os.rename": "rename a file",
-    "os.link": "make a link",
-    "os.symlink": "make a link",
-    "os.truncate": "write to a file",
-    "os.chmod": "change a file",
-    "os.chown": "change a file",
-    "os.utime": "change a file",
-}
-"""Audit event to what is done."""
 
-_is_looking: ContextVar[bool] = ContextVar("is_looking", default=False)
-_is_refusing: ContextVar[bool] = ContextVar("is_refusing", default=False)
 _watches: ContextVar["tuple[_Watch, ...]"] = ContextVar("watches", default=())
-
-
-class EffectRefused(PermissionError):
-    """Code of others would change something, while a campaign is only looked at."""
 
 
 class PlugInExit(RuntimeError):
     """A plug-in tried to end the process, as `sys.exit` does."""
-
-
-@contextmanager
-def _set(variable: ContextVar[Any], value: object) -> Iterator[None]:
-    token = variable.set(value)
-    try:
-        yield
-    finally:
-        variable.reset(token)
-
-
-@contextmanager
-def looking_only() -> Iterator[None]:
-    """Within the body, code of others that runs within `plug_in_code` has no effects."""
-    with _set(_is_looking, True):
-        yield
 
 
 class Interrupted(BaseException):
@@ -101,14 +46,9 @@ def plug_in_code() -> Iterator[None]:
 
     Raises:
         PlugInExit: instead of what is raised and is no `Exception`; Ctrl-C and `Interrupted` stay what they are.
-        EffectRefused: it would have an effect, and is only looked at. What libraries do as they are imported, and files that
-            Python and numba compile, are none.
     """
-    if _is_looking.get():
-        _install()
     try:
-        with _set(_is_refusing, _is_looking.get()):
-            yield
+        yield
     except (Exception, KeyboardInterrupt, Interrupted):
         raise
     except BaseException as error:
@@ -135,15 +75,17 @@ def watched(snapshot: Snapshot | None, allowed: Iterable[str] = ()) -> Iterator[
         return
     _install()
     watch = _Watch(snapshot, allowed)
+    token = _watches.set((*_watches.get(), watch))
     try:
-        with _set(_watches, (*_watches.get(), watch)):
-            yield
+        yield
     except Exception as error:
         if isinstance(error, OSError):
             watch.missed(str(error))
         if watch.fault is not None:
             raise watch.fault from None
         raise
+    finally:
+        _watches.reset(token)
     if watch.fault is not None:
         raise watch.fault
 
@@ -155,50 +97,24 @@ def _install() -> None:
 
 
 def _audit(event: str, arguments: tuple[Any, ...]) -> None:
-    done = _DONE.get(event)
-    if done is None or not (_is_refusing.get() or _watches.get()):  # other threads read for other campaigns
+    if event != _OPEN or not (watches := _watches.get()):  # other threads read for other campaigns
         return
-    first = arguments[0] if arguments else None
-    path = os.fsdecode(first) if isinstance(first, str | bytes | os.PathLike) else ""
-    if event == _OPEN:
-        flags = arguments[2] if isinstance(arguments[2], int) else 0
-        if path and flags & os.O_ACCMODE != os.O_WRONLY:
-            for watch in _watches.get():
-                watch.look(path)
-        if not flags & _WRITES or path == os.devnull or path.endswith(_COMPILED):
-            return
-    if _is_refusing.get() and _is_its_own(sys._getframe(1)):
-        named = f" ({path!r})" if path else ""
-        raise EffectRefused(f"it would {done}{named}, and is only looked at")
-
-
-def _is_its_own(frame: FrameType | None) -> bool:
-    """Whether a user's code acts in `frame` itself, and neither a library under import nor vastflow."""
-    is_library = is_imported = False
-    while frame is not None:
-        file = frame.f_code.co_filename
-        if file.startswith(_IMPORTING):
-            is_imported = is_imported or is_library
-        elif any(_is_below(file, folder) for folder in _OWN):
-            return False
-        elif file.startswith(_libraries()):
-            is_library = True
-        else:
-            return not is_imported
-        frame = frame.f_back
-    return True
+    first, _, flags = arguments
+    if isinstance(first, str | bytes | os.PathLike) and not (isinstance(flags, int) and flags & os.O_WRONLY):
+        for watch in watches:
+            watch.look(os.fsdecode(first))
 
 
 @cache
 def _libraries() -> tuple[str, ...]:
     paths = sysconfig.get_paths()
-    return (*(paths[name] + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib")), "<frozen ")
+    return tuple(paths[name] + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 
 
 @cache
 def _elsewhere() -> tuple[str, ...]:
     """Folders of Python, libraries, and vastflow that are below a campaign's folder."""
-    folders = [sys.prefix, sys.base_prefix, sys.exec_prefix, *(folder for folder in _libraries() if os.sep in folder)]
+    folders = [sys.prefix, sys.base_prefix, sys.exec_prefix, *_libraries()]
     folders += [tempfile.gettempdir(), platformdirs.user_cache_dir("vastflow"), *_OWN]
     return tuple(dict.fromkeys(each for folder in folders for each in _spellings(folder)))
 

@@ -152,7 +152,7 @@ Made = tuple[Outcome, str, dict[str, Any]]
 
 
 def _campaign(file: Path, trial: Trial) -> Made:
-    campaign, oracles = read_campaign(file, as_v1=True)
+    campaign, oracles = read_campaign(file)
     if campaign.unexecutable:
         return "valid", campaign.unexecutable[0].problem, {}
     if campaign.search is not None:

@@ -16,7 +16,6 @@ from room import edited
 from table import each_row
 
 from vastflow.flows import api
-from vastflow.flows.cli.__main__ import RENAMED
 from vastflow.flows.results.summary import Summary
 from vastflow.flows.terminal.ending import Interruptible
 from vastflow.flows.terminal.options import with_stages
@@ -65,14 +64,6 @@ def test_commands_refuse_wrong_arguments_with_one_line_and_write_nothing(here, g
         return [line.replace(str(here), "HERE")]
 
     golden("command_line", "arguments", faults_of)
-
-
-@each_row("former", RENAMED)
-def test_former_command_names_its_successor(former):
-    assert (
-        refused(*former.split(), "x")
-        == f"expected `vastflow {RENAMED[former]}`, got `vastflow {former}`, which it replaces"
-    )
 
 
 MISSING_MAP = ("room.yaml", "cellar.yaml")

@@ -51,9 +51,9 @@ def directory(small_room, tmp_path, tree):
     return written(small_room, tmp_path / "results", tree)
 
 
-def written(path, root, tree, map_dir=None, as_v1=False, **asked):
+def written(path, root, tree, map_dir=None, **asked):
     found = ConfigurationResult()
-    return write_results(path, root, found, runs=3, tree=tree, map_dir=map_dir, as_v1=as_v1, asked=asked).directory
+    return write_results(path, root, found, runs=3, tree=tree, map_dir=map_dir, asked=asked).directory
 
 
 @pytest.fixture
@@ -90,14 +90,17 @@ def test_run_repeats_campaign_from_its_own_inputs(directory, small_room, tmp_pat
     [
         ({"only": ["room-1"]}, "3 runs of each configuration, only room-1"),
         ({"sample": 7}, "3 runs of each configuration, a sample of 7"),
-        ({"as_v1": True}, "obstacles as version 1 of RoboVAST places them"),
     ],
 )
 def test_run_of_directory_keeps_its_selection(small_room, tmp_path, tree, asked_again, asked, words):
     assert words in called("run", written(small_room, tmp_path / "results", tree, **asked)).stderr
     (name, value), *_ = asked.items()
     assert asked_again[-1][name] == (tuple(value) if name == "only" else value)
-    assert asked_again[-1]["as_v1"] is ("as_v1" in asked)
+
+
+def test_run_of_directory_refuses_option_that_is_gone(small_room, tmp_path, tree):
+    directory = written(small_room, tmp_path / "results", tree, as_v1=True)
+    assert "it was run with --as-v1, which is gone; write placement: as_v1" in refused("run", directory)
 
 
 @pytest.mark.parametrize(

@@ -111,18 +111,6 @@ def deployed(file, *options):
     return deployment["parameters"]["request"]
 
 
-def test_option_as_v1_places_obstacles_as_version_1_does(small_room, tmp_path, monkeypatch):
-    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
-    small_room.write_text(small_room.read_text().replace("\nexecution:", CLUTTER))
-    said, as_v1 = called("validate", small_room), called("validate", small_room, "--as-v1")
-    assert "version 1 of RoboVAST places them otherwise, as does --as-v1" in said.stdout
-    assert "without --as-v1 they keep clear" in as_v1.stdout
-    for options, unrealisable, configurations, given in (((), 1, 2, None), (("--as-v1",), 0, 3, True)):
-        plan = json.loads(called("plan", small_room, "--results", tmp_path, "--json", *options).stdout)
-        assert (plan["coverage"]["unrealisable"], plan["configurations"]) == (unrealisable, configurations)
-        assert deployed(small_room, *options).get("as_v1") is given
-
-
 @pytest.fixture
 def apart(small_room, tmp_path, monkeypatch):
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))

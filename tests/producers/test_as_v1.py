@@ -12,7 +12,6 @@ from shapely import contains_xy
 from shapely.geometry import LineString, Point
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.producer import evaluate
 from vastflow.sim.model.obstacle import obstacles_of
@@ -132,21 +131,12 @@ def file(narrow, tmp_path):
     return path
 
 
-def test_option_overrides_placement_of_file(file):
-    for text in (FILE, FILE.replace("seed: 1", "seed: 1, placement: constructive")):
-        file.write_text(text.replace("MAP", load_campaign(file).families[0].values["map_file"].path))
-        assert len(instantiate(load_campaign(file)).configurations) == 0
-        assert len(instantiate(load_campaign(file, as_v1=True)).configurations) == 1
-
-
 def test_placement_note_is_present_unless_chosen_or_unneeded(file):
     (note,) = load_campaign(file).notes
     assert str(note).endswith(
-        "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does --as-v1 or "
+        "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does "
         "placement: as_v1"
     )
-    (note,) = load_campaign(file, as_v1=True).notes
-    assert "without --as-v1 they keep clear" in note.expected
     text = file.read_text()
     for changed in ("seed: 1, placement: as_v1", "seed: 1, placement: constructive", "amount_per_m: 0"):
         file.write_text(text.replace("seed: 1" if "seed" in changed else "amount: 1", changed))

@@ -38,7 +38,7 @@ CREATED = datetime(2026, 11, 21, 6, 5, 4)
 WORK = Work(executed=3, reused=1, simulated_s=30.0, cpu_s=2.0, wall_s=1.5)
 
 
-def write_results(path, root, found, *, map_dir=None, as_v1=False, runs=2, tree=None, asked=(), **named) -> Results:
+def write_results(path, root, found, *, map_dir=None, runs=2, tree=None, asked=(), **named) -> Results:
     """Write the directory `root/<name>-<time>/` of a campaign file; it appears whole or not at all.
 
     Args:
@@ -47,13 +47,13 @@ def write_results(path, root, found, *, map_dir=None, as_v1=False, runs=2, tree=
         asked: What `metadata.json` says of the request beside file and runs.
         named: Other arguments of `results.write_results` than the usual ones.
     """
-    campaign, oracles = read_campaign(path, map_dir, as_v1=as_v1)
+    campaign, oracles = read_campaign(path, map_dir)
     inputs = inputs_of(campaign, oracles)
     instantiation = named.get("instantiation") or instantiate(campaign)
     named["runs"] = {each.name: runs for each in instantiation.configurations}
     record = {}
     if tree is not None:
-        request = Asked(campaign.path.name, runs, (), inputs.places, as_v1=as_v1).as_json() | dict(asked)
+        request = Asked(campaign.path.name, runs, (), inputs.places).as_json() | dict(asked)
         record = {"asked": request, **ingredients_row(tree, campaign.families, oracles)}
     usual = {
         "instantiation": instantiation,

@@ -74,7 +74,7 @@ def stranger(results, canary, *, day=20, plug_in=True):
         row |= {"checked_digest": row["scenario_digest"], "timeout_s": 60.0}
     stages = ("instantiate", "execute", "observe", "judge")
     source = {stage: {"files": {}, "libraries": {}} for stage in stages}
-    asked = {"file": "stranger.vast", "runs": 1, "only": [], "places": {}, "sample": None, "as_v1": False}
+    asked = {"file": "stranger.vast", "runs": 1, "only": [], "places": {}, "sample": None}
     counts = {"configurations": 1, "runs": 1, "rejected": 0, "passed": 0, "failed": 1, "not_judged": 0}
     campaign.metadata |= {"source": dict.fromkeys(source, "1"), "numeric_class": "x", "seed": 0, "code": source}
     campaign.metadata |= {"oracles": [], "producers": {}, "name": "stranger", "created": f"2026-11-{day}T06:00:00"}
