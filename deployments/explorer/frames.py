@@ -25,6 +25,7 @@ from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns, Event, Recording
 from vastflow.sim.model.scenario import Scenario
@@ -39,12 +40,13 @@ POSES: Final = ("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated
 _CLEARANCES: Final = {"wall": "walls", "static": "obstacles", "appearing": "appearing obstacles"}
 SIGNALS: Final[Sequence[tuple[str, str, Mapping[str, str]]]] = (
     ("Speed", "m/s", {"speed_mmps": "true", "sent_speed_mmps": "commanded"}),
-    ("Yaw rate", "rad/s", {"yaw_rate_mradps": "true", "sent_yaw_rate_mradps": "commanded"}),
-    ("Clearance of the center", "m", {f"{to}_clearance_mm": words for to, words in _CLEARANCES.items()}),
+    ("Distance to the goal", "m", {"goal_distance_mm": ""}),
     ("Localization error", "m", {"localization_error_mm": ""}),
+    ("Clearance of the center", "m", {f"{to}_clearance_mm": words for to, words in _CLEARANCES.items()}),
     ("Off the reference path", "m", {"deviation_mm": ""}),
+    ("Yaw rate", "rad/s", {"yaw_rate_mradps": "true", "sent_yaw_rate_mradps": "commanded"}),
 )
-"""Title, unit, and lines of the plots below the map; the lines are stored columns of thousandths."""
+"""Title, unit, and lines of the plots beside the map; the lines are columns of thousandths."""
 
 _METRICS: Final = TypeAdapter(dict[str, Metric])
 NO_POINTS: Final = np.empty((0, 2))
@@ -74,8 +76,10 @@ class StoredRun:
 
     @cached_property
     def columns(self) -> Mapping[str, NDArray[np.int32]]:
-        """Recorded and derived columns that mean something."""
+        """Recorded and derived columns that mean something, and the distance to the goal."""
         stored = {**(self.recording.columns if self.recording is not None else {}), **self.derived}
+        if self.recording is not None and self.recording.columns and (goals := situation_of(self.scenario).goals):
+            stored["goal_distance_mm"] = _goal_distance_mm(self.recording, goals)
         return {name: each for name, each in stored.items() if name != "deviation_mm" or len(self.reference_xy_m)}
 
 
@@ -175,7 +179,7 @@ def frames_of(run: StoredRun, asked: str) -> bytes:
 
 
 def plots_of(runs: Sequence[StoredRun]) -> Iterator[Mapping[str, Any]]:
-    """Yield a plot of each signal that any of some runs has: title, unit, least and greatest value, and lines."""
+    """Yield a plot of each signal that any of some runs has: key, title, unit, least and greatest value, and lines."""
     for title, unit, words in SIGNALS:
         lines, known = [], [np.zeros(1, dtype=np.int32)]
         for side, run in enumerate(runs):
@@ -187,7 +191,17 @@ def plots_of(runs: Sequence[StoredRun]) -> Iterator[Mapping[str, Any]]:
         every = np.concatenate(known) * 1e-3
         low, high = float(every.min()), float(every.max())
         if lines:
-            yield {"title": title, "unit": unit, "low": low, "high": high if high > low else low + 1.0, "lines": lines}
+            ends = {"low": low, "high": high if high > low else low + 1.0}
+            yield {"key": next(iter(words)), "title": title, "unit": unit, **ends, "lines": lines}
+
+
+def _goal_distance_mm(recording: Recording, goals: Sequence[Pose]) -> NDArray[np.int32]:
+    """Return the distance (N,) from the robot's center to the first goal that was neither reached nor given up, else the last."""
+    over_ms = [1000 * event.t_s for event in recording.run.events if event.kind in ("goal_reached", "goal_missed")]
+    now = np.minimum(np.searchsorted(over_ms, recording.columns["t_ms"] - 0.5), len(goals) - 1)
+    x_m, y_m = np.array([(goal.x_m, goal.y_m) for goal in goals])[now].T
+    away_mm = np.hypot(recording.columns["x_mm"] - 1000 * x_m, recording.columns["y_mm"] - 1000 * y_m)
+    return np.asarray(np.rint(away_mm), dtype=np.int32)
 
 
 def _path(t_ms: NDArray[np.int32], values: NDArray[np.int32]) -> str:

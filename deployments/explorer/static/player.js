@@ -20,7 +20,7 @@ class Player {
     this.frame = 0;
     find(".maps").replaceChildren(...this.sides.map((side, k) => this.#map(side, k)));
     $("controls").hidden = !this.views.length;
-    this.tracks = new Tracks(find(".tracks"), this.sides, this.end, (t) => this.seek(t));
+    this.tracks = new Tracks(find(".most"), this.sides, this.end, (t) => this.seek(t));
     this.#listen();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.recolor());
     new ResizeObserver(() => this.repaint()).observe(find(".player"));
@@ -86,6 +86,7 @@ class Player {
       if (moment) this.seek(Number(moment.dataset.t));
     });
     layers.addEventListener("change", () => this.draw());
+    document.addEventListener("toggle", ({ target }) => target.dataset.signal && keepSignals(), true);
     for (const swatch of document.querySelectorAll("[data-color]"))
       swatch.style.color = `var(--${swatch.dataset.color})`;
   }
@@ -208,6 +209,17 @@ class Player {
   }
 }
 
+/** Put the signals that are unfolded into the address, and into those of the next failed runs. */
+function keepSignals() {
+  const open = [...document.querySelectorAll("[data-signal][open]")].map(({ dataset }) => dataset.signal);
+  remember({ signals: String(open) || "none" });
+  for (const link of document.querySelectorAll("a[data-key]")) {
+    const place = new URL(link.href);
+    place.searchParams.set("signals", query.get("signals"));
+    link.href = String(place);
+  }
+}
+
 /** Execute a run; where it needs code of others, ask whether to permit that code as it is now. */
 async function executed(place, permit = "") {
   const more = permit && `&permit=${permit}`;
@@ -227,7 +239,9 @@ async function sideOf(c, configuration, run) {
 let player = /** @type {Player | undefined} */ (undefined);
 $("runs").addEventListener("change", () => {
   const paused = player?.playing ? "" : "1";
-  const moment = player ? { t: player.t.toFixed(3), paused, layers: query.get("layers") } : {};
+  const moment = player
+    ? { t: player.t.toFixed(3), paused, layers: query.get("layers"), signals: query.get("signals") }
+    : {};
   for (const [name, value] of Object.entries(moment))
     if (value) $("runs").append(element("input", { type: "hidden", name, value }));
   $("runs").submit();

@@ -1,4 +1,4 @@
-/** The time line and the signals over one time axis, which the server drew: a cursor, values, and what robots did. */
+/** The time line and the signals over the same time, which the server drew: cursors, values, and what robots did. */
 import { drawn, element } from "./dom.js";
 
 /** Pixels; the style sheet has the same edges. */
@@ -23,7 +23,7 @@ export class Tracks {
   /** @param {Array<{run: import("./player_run.js").Run, activities: Array<[number, number, string]>}>} sides */
   constructor(place, sides, end, seek) {
     Object.assign(this, { place, sides, seek, end: Math.max(end, 0.1) });
-    [this.line, this.cursor] = [".track", ".cursor"].map((selector) => place.querySelector(selector));
+    this.line = place.querySelector("[role=slider]");
     this.legend = element("p", { class: "row muted", "aria-label": "Colors of what the robot did" });
     this.line.after(this.legend);
     for (const track of place.querySelectorAll(".track")) {
@@ -45,11 +45,11 @@ export class Tracks {
     this.seek(pressed && near !== undefined ? near : (x / width) * this.end);
   }
 
-  /** Show a time: the cursor, and the signals' values. */
+  /** Show a time: the cursors, and the signals' values. */
   moveTo(t) {
-    this.cursor.style.left = `calc(${LEFT}px + ${t / this.end} * (100% - ${LEFT + RIGHT}px))`;
+    this.place.style.setProperty("--at", t / this.end);
     this.line.setAttribute("aria-valuenow", t.toFixed(2));
-    for (const output of this.place.querySelectorAll("output")) {
+    for (const output of this.place.querySelectorAll("[data-column]")) {
       const { run } = this.sides[output.dataset.side];
       const value = t > run.end ? NaN : run.value(output.dataset.column, t);
       output.textContent = Number.isNaN(value) ? "–" : value.toFixed(2);

@@ -151,13 +151,16 @@ def test_trend_has_judged_campaigns_of_a_name_oldest_first(directories, add_camp
     assert [row.counts for row in trend["campaigns"]] == [Counts(3, 1), Counts(2, 2), Counts(4, 0)]
 
 
-def test_trends_part_files_and_robots_of_one_name(directories, add_campaign):
+def test_trends_part_files_and_robots_of_one_name(client, directories, add_campaign):
     for day, file, robot in ((20, "a", "x"), (21, "a", "x"), (22, "b", "x"), (23, "b", "x"), (24, "b", "y")):
         metadata = add_campaign(day, {"room": [1]}) / "metadata.json"
         told = {"asked": {"file": f"{file}.vast"}, "robots": [{"families": ["room"], "summary": robot, "robot": []}]}
         metadata.write_text(json.dumps(json.loads(metadata.read_text()) | told))
     found = [(each["of"], len(each["campaigns"])) for each in trends_of(rows(directories))]
     assert found == [("b.vast, x", 2), ("a.vast, x", 2)]
+    page = client.get("/").text
+    assert page.count("Rate of office over 2 campaigns") == 2
+    assert re.findall(r">([ab]\.vast, x)<", page) == ["b.vast, x", "a.vast, x"]
 
 
 def test_running_campaign_has_counts_in_the_list(client, results):

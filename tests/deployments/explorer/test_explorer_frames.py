@@ -189,6 +189,17 @@ def test_frames_leave_deviation_out_without_reference(directory: Path):
     assert "Off the reference path" not in [plot["title"] for plot in plots_of([without])]
 
 
+def test_distance_to_goal_is_to_the_next_goal_that_is_open(directory: Path):
+    run = stored_run(directory, "office-1", 0)
+    x_mm = run.columns["x_mm"]
+    np.testing.assert_array_equal(run.columns["goal_distance_mm"], 3800 - x_mm)
+    task = {"start_pose": TASK["start_pose"], "goal_poses": [{"x": 2.5, "y": 2.0}, {"x": 1.0, "y": 2.0}]}
+    patrol = replace(run.scenario, abstract="builtin:follow_waypoints", task=task)
+    distance_mm = replace(run, scenario=patrol).columns["goal_distance_mm"]
+    reached = run.columns["t_ms"] > 3000  # the first goal
+    np.testing.assert_array_equal(distance_mm, np.where(reached, x_mm - 1000, abs(2500 - x_mm)))
+
+
 def test_plots_overlay_runs_and_leave_gaps(directory: Path):
     run = stored_run(directory, "office-1", 1)
     gap = replace(run, derived={**run.derived, "localization_error_mm": np.array([NOWHERE_MM, 1000, 2500, *[0] * 6])})

@@ -211,7 +211,7 @@ def test_space_plays_to_the_end_and_pauses(page: Page):
 def test_time_line_and_event_list_go_to_a_moment(page: Page):
     page.open(t=0)
     x, y, width = page.browser.value(
-        "(() => { const r = document.querySelector('.track').getBoundingClientRect(); return [r.x, r.y, r.width] })()"
+        "(() => { const r = document.querySelector('[role=slider]').getBoundingClientRect(); return [r.x, r.y, r.width] })()"
     )
     page.click(x + 52 + (width - 64) * 1.0 / 2.5, y + 32)
     wait(page.browser, "Math.abs(Number.parseFloat(document.querySelector('.time').textContent) - 1) < 0.02")
@@ -254,6 +254,50 @@ def test_choosing_a_run_keeps_moment_and_pause(page: Page):
     assert "driving" in page.text("[aria-label='Colors of what the robot did']")
 
 
+BOXES = """[".maps canvas", ".signals", "#controls"].map((each) => {
+    const box = document.querySelector(each).getBoundingClientRect();
+    return [box.left, box.right, box.top, box.bottom];
+})"""
+CURSORS = """[...document.querySelectorAll(".cursor")].map((each) => {
+    const [at, all] = [each, each.parentElement].map((one) => one.getBoundingClientRect());
+    return (at.left - all.left - 52) / (all.width - 64);
+})"""
+
+
+def test_signals_are_beside_the_map_and_follow_its_clock(page: Page):
+    page.open(t=1)
+    place, signals, controls = page.browser.value(BOXES)
+    assert place[1] <= signals[0] and place[2] <= signals[2] < place[3] <= controls[2]
+    for key, share in (("Home", 0.0), ("c", 0.5), ("End", 1.0)):
+        page.press(key)
+        wait(page.browser, f"{CURSORS}.every((at) => Math.abs(at - {share}) < 0.005)")
+    assert len(page.browser.value(CURSORS)) == 2
+    page.press("Home")
+    distance = "[data-column=goal_distance_mm]"
+    wait(page.browser, f"document.querySelector('{distance}').textContent === '4.00'")
+    page.press("End")
+    wait(page.browser, f"document.querySelector('{distance}').textContent === '1.60'")
+
+
+def test_chosen_signals_stay_for_other_runs(page: Page):
+    page.open(t=0.5)
+    shown = "[...document.querySelectorAll('[data-signal][open]')].map((each) => each.dataset.signal).join()"
+    assert page.browser.value(shown).startswith("speed_mmps,goal_distance_mm,localization_error_mm")
+    page.browser.value("document.querySelectorAll('[data-signal][open] summary').forEach((each) => each.click())")
+    wait(page.browser, "/signals=none/.test(location.search)")
+    page.browser.value("document.querySelector('[data-signal=goal_distance_mm] summary').click()")
+    wait(page.browser, "/signals=goal_distance_mm(&|$)/.test(location.search)")
+    page.press("n")
+    wait(page.browser, f"document.querySelector('h1')?.textContent === {NAME + ', run 2'!r}")
+    assert page.browser.value(shown) == "goal_distance_mm"
+    wait(page.browser, "document.querySelector('.time')?.textContent")
+    page.browser.value(
+        "(() => { const s = document.querySelector('[name=withrun]'); s.value = '1'; s.dispatchEvent(new Event('change', { bubbles: true })) })()"
+    )
+    wait(page.browser, "document.querySelectorAll('canvas.map').length === 2")
+    assert page.browser.value(shown) == "goal_distance_mm"
+
+
 def test_lock_step_has_one_clock_and_the_longer_end(page: Page):
     page.open(**{"with": NAME, "withrun": 1, "t": 0.5})
     assert page.shows("0.50 s of 4.10 s")
@@ -267,8 +311,8 @@ def test_lock_step_has_one_clock_and_the_longer_end(page: Page):
     assert "ended at 2.50 s" in page.text(".maps > *")
     assert page.color_at(3.35, 2.1, 0) == [28, 33, 38]  # where it ended
     assert page.color_at(4.95, 2.1, 1) == [28, 33, 38]
-    assert "robot 1" not in page.text(".tracks .row .muted")
-    assert " | " in page.text(".tracks .row .muted")
+    assert "robot 1" not in page.text(".signals .muted")
+    assert " | " in page.text(".signals .muted")
 
 
 def test_lock_step_takes_a_run_of_another_campaign(page: Page):
@@ -294,6 +338,8 @@ def test_narrow_page_does_not_scroll_sideways(page: Page):
     for others in ({}, {"with": NAME, "withrun": 1}):
         page.open(t=0.5, **others)
         assert page.browser.value("document.documentElement.scrollWidth") <= 390
+        place, signals, controls = page.browser.value(BOXES)
+        assert place[3] <= controls[2] < controls[3] <= signals[2]  # the buttons stay near the map
 
 
 def test_dark_page_draws_the_map_dark(page: Page):

@@ -63,9 +63,20 @@ def test_run_page_has_verdicts_time_line_and_signals(client, add_campaign, id_of
     assert '<h2>quiet-1, run 0 <strong class="fail">failed</strong></h2>' in page
     assert '<h2>quiet-1, run 1 <strong class="pass">passed</strong></h2>' in page
     assert page.count('<svg class="robot"') == 2 and ">robot A</text>" in page
-    speed = re.search(r"<span>Speed</span>.*?</svg>\n</svg>", page, re.DOTALL)[0]
+    speed = re.search(r"<summary>Speed .*?</details>", page, re.DOTALL)[0]
     assert re.findall(r'data-side="(\d)" data-column="(\w+)"', speed) == [("0", "speed_mmps"), ("1", "speed_mmps")]
     assert speed.count('<path d="M0 -0.5L') == 2
+
+
+def test_run_page_unfolds_signals_of_its_address(client, add_campaign, id_of):
+    campaign = id_of(add_campaign(3, {"quiet": [1, 1]}))
+    unfolded = r'data-signal="(\w+)" open'
+    first = client.get("/run", params=of(campaign)).text
+    assert re.findall(unfolded, first)[:3] == ["speed_mmps", "goal_distance_mm", "localization_error_mm"]
+    page = client.get("/run", params=of(campaign, signals="yaw_rate_mradps")).text
+    assert re.findall(unfolded, page) == ["yaw_rate_mradps"]
+    assert "configuration=quiet-2&amp;run=0&amp;signals=yaw_rate_mradps" in page  # the next failed run
+    assert re.findall(unfolded, client.get("/run", params=of(campaign, signals="none")).text) == []
 
 
 def test_frames_reply_is_that_of_the_run(client, add_campaign, id_of):
