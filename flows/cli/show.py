@@ -46,8 +46,10 @@ def show(
     of a running campaign and its failures as they come; with --json, its events, one a line. With --lineage, the steps behind the
     verdicts on one run with their keys, and whether the store has them still.
     """
-    if bool(run) is not lineage or (store and not lineage):
-        raise UserError("--lineage: expected RESULTS and CONFIGURATION/RUN; they and --store are for --lineage alone")
+    if not lineage and (run or store):
+        raise UserError(f"{'CONFIGURATION/RUN' if run else '--store'}: requires --lineage, got {run or store!r} alone")
+    if lineage and not run:
+        raise UserError("--lineage: expected RESULTS and CONFIGURATION/RUN, such as room-1/0")
     if follow:
         if coverage:
             raise UserError("--coverage: expected a finished campaign, got --follow")

@@ -146,8 +146,8 @@ def test_show_prints_lineage_as_text_and_json(directory, store):
     ("arguments", "words"),
     [
         (("--lineage",), "--lineage: expected RESULTS and CONFIGURATION/RUN"),
-        (("room-1/0",), "--lineage: expected RESULTS and CONFIGURATION/RUN"),
-        (("--store", "s"), "--lineage: expected RESULTS and CONFIGURATION/RUN"),
+        (("room-1/0",), "CONFIGURATION/RUN: requires --lineage, got 'room-1/0' alone"),
+        (("--store", "s"), "--store: requires --lineage, got 's' alone"),
         (("room-1", "--lineage"), "expected CONFIGURATION/RUN, such as room-1/0, got 'room-1'"),
         (("room-3/0", "--lineage"), "no configuration 'room-3'; did you mean 'room-"),
         (("room-1/2", "--lineage"), "no run 2 of room-1; it has 0, 1"),
