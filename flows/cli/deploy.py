@@ -13,7 +13,7 @@ from vastflow.flows.request.run_request import NAMES, command_line
 from vastflow.flows.terminal.ending import FAULT
 from vastflow.flows.terminal.options import CampaignFile, Context, DryRun, asking
 from vastflow.sim.model.faults import UserError
-from vastflow.tasks.prefect.deployment import DATA, IMAGE, NAME, PoolType
+from vastflow.tasks.prefect.deployment import DATA, IMAGE, NAME, SHORT_DIGEST, PoolType
 
 if TYPE_CHECKING:
     from vastflow.tasks.prefect.containers import Containers
@@ -65,6 +65,7 @@ def deploy(
     if operator and kubernetes is None:
         raise UserError("--operator: requires --kubernetes")
     from vastflow.flows.request.campaign_file import campaign_name, read_campaign
+    from vastflow.sim.model.digest import file_digest
     from vastflow.sim.model.faults import FileError
     from vastflow.tasks.prefect.adapter import import_prefect
     from vastflow.tasks.prefect.containers import containers_of
@@ -93,6 +94,7 @@ def deploy(
         campaign=title,
         request=request.model_dump(mode="json", exclude_defaults=True),
         pool=pool,
+        version=file_digest(file)[:SHORT_DIGEST],
         folder=str(Path.cwd()) if kind is PoolType.process else IMAGE_FOLDER,
         description=description_of(
             title,

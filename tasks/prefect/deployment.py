@@ -17,6 +17,8 @@ FLOW: Final = "campaign"
 ENTRYPOINT: Final = "vastflow.flows.campaign.campaign"
 """A module's function, found wherever vastflow is installed."""
 TAG: Final = "vastflow"
+SHORT_DIGEST: Final = 12
+"""Characters of a version."""
 
 STEP: Final = "prefect.deployments.steps.set_working_directory"
 
@@ -28,6 +30,7 @@ class Deployment:
     Attributes:
         request: Fields of `RunRequest`; others have their defaults.
         pool: Name of the work pool.
+        version: Shown for the deployment and its flow runs: the campaign file's digest when it was deployed.
         folder: Working directory on the worker's machine or in the image; relative parameters are below it.
         description: Markdown.
         job_variables: Values for the pool's template.
@@ -39,6 +42,7 @@ class Deployment:
     campaign: str
     request: Mapping[str, Any]
     pool: str
+    version: str
     folder: str
     description: str = ""
     job_variables: Mapping[str, Any] = field(default_factory=dict)
@@ -50,6 +54,7 @@ class Deployment:
         schedules = [] if self.cron is None else [{"cron": self.cron, "timezone": self.timezone}]
         return {
             "name": self.name,
+            "version": self.version,
             "description": self.description,
             "tags": [TAG, label_of(self.campaign) or "campaign"],
             "entrypoint": ENTRYPOINT,

@@ -50,7 +50,7 @@ def register_flow(client: SyncPrefectClient, entry: Mapping[str, Any], flow: Flo
     Args:
         entry: As `prefect.yaml` has it.
     """
-    alike = ("name", "description", "tags", "entrypoint", "parameters", "enforce_parameter_schema")
+    alike = ("name", "version", "description", "tags", "entrypoint", "parameters", "enforce_parameter_schema")
     limit, pool = entry["concurrency_limit"], entry["work_pool"]
     return str(
         client.create_deployment(

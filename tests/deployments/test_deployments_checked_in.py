@@ -17,6 +17,7 @@ from prefect.cli.deploy._models import PrefectYamlModel, RawScheduleConfig
 from vastflow.flows.campaign import campaign
 from vastflow.flows.cli.deploy import IMAGE_FOLDER
 from vastflow.producers.campaign import load_campaign
+from vastflow.sim.model.digest import file_digest
 from vastflow.tasks.prefect import deployment
 from vastflow.tasks.prefect.containers import memory_bytes
 from vastflow.tasks.prefect.deployment import Deployment, description_of
@@ -76,6 +77,7 @@ def test_checked_in_deployments_match_command():
             campaign="quickstart",
             request=each["parameters"]["request"],
             pool=pool,
+            version=file_digest(ROOT / CAMPAIGN)[: deployment.SHORT_DIGEST],
             folder=step[deployment.STEP]["directory"],
             description=description_of("quickstart", CAMPAIGN, runs),
             job_variables=variables,

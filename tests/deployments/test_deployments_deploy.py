@@ -1,5 +1,6 @@
 """`vastflow deploy` without Prefect's API: what it prints and says of wrong options and lost APIs."""
 
+import re
 import shlex
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -14,6 +15,7 @@ from prefect.settings import temporary_settings
 from vastflow.flows.campaign import campaign as campaign_flow
 from vastflow.flows.cli import deploy as deploy_command
 from vastflow.flows.cli.deploy import NO_API
+from vastflow.sim.model.digest import file_digest
 from vastflow.tasks.prefect import retry
 from vastflow.tasks.prefect.deployment import PoolType
 from vastflow.tasks.prefect.registration import pool_template
@@ -52,6 +54,15 @@ def test_dry_run_prints_deployment_and_pool(file, tmp_path):
     assert "Workers of the Dask cluster at `tcp://scheduler:8786` compute the runs." in deployment.description
     deployment, _ = printed(file, "--pool", "lab")
     assert deployment.schedules == [] and "7 runs of each configuration" in deployment.description
+
+
+def test_deployment_has_a_version_that_changes_with_its_campaign_file(file):
+    versions = {}
+    for runs in (7, 8, 7):
+        file.write_text(re.sub("runs: [78]", f"runs: {runs}", file.read_text()))
+        deployment, _ = printed(file, "--pool", "lab")
+        versions.setdefault(runs, set()).add(deployment.version)
+    assert versions[7] != versions[8] and versions[7] == {file_digest(file)[:12]}
 
 
 def test_description_of_campaign_with_stopping_rule_has_least_and_most_runs(campaign_file):

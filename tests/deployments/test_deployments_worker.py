@@ -15,6 +15,7 @@ from room import SHORT_DRIVES, drawn_room
 
 from vastflow.flows import run_campaign
 from vastflow.flows.request.run_request import RunRequest
+from vastflow.sim.model.digest import file_digest
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
@@ -86,11 +87,12 @@ def test_deploy_creates_pool_and_deployment_and_prints_next_step(api, deployed):
     assert api.read_work_pool("lab").type == "process"
 
 
-def test_deployment_has_a_schedule_a_limit_and_parameters_that_a_form_can_show(api, deployed):
+def test_deployment_has_a_schedule_a_limit_and_parameters_that_a_form_can_show(api, place, deployed):
     deployment = api.read_deployment_by_name(DEPLOYMENT)
     assert deployment.schedules[0].schedule.cron == "0 2 * * *"
     assert (deployment.global_concurrency_limit.limit, deployment.tags) == (1, ["vastflow", "tiny"])
     assert deployment.concurrency_options.collision_strategy.value == "ENQUEUE"
+    assert deployment.version == file_digest(place / "tiny.vast")[:12]
     schema = deployment.parameter_openapi_schema
     assert schema["required"] == ["request"]
     properties = schema["definitions"]["RunRequest"]["properties"]
