@@ -17,7 +17,6 @@ from typer.main import get_command
 
 from vastflow.flows.cli.compare import compare
 from vastflow.flows.cli.deploy import deploy
-from vastflow.flows.cli.development import dev
 from vastflow.flows.cli.export import export
 from vastflow.flows.cli.floorplan import floorplan
 from vastflow.flows.cli.init import init
@@ -104,7 +103,6 @@ for command in (init, validate, plan, run, show, replay, compare, minimize, expo
 app.add_typer(store, name="store")
 app.add_typer(floorplan, name="floorplan")
 app.add_typer(scenario, name="scenario")
-app.add_typer(dev, name="dev", hidden=True)
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -28,7 +28,6 @@ KINDS: Final = (".mp4", ".gif")
 MOST_BYTES: Final = 1_000_000
 """Size of a GIF, which pages show beside their text."""
 STRIP: Final = "strip.png"
-FILM: Final = "film.gif"
 FRAMES: Final = "frames"
 
 
@@ -57,11 +56,10 @@ def replay(
         list[float] | None, typer.Option(metavar="S", help="Simulated time to draw; may be repeated.")
     ] = None,
     every: Annotated[
-        float | None, typer.Option(metavar="S", help="Seconds between pictures; with --video or --film, of the film.")
+        float | None, typer.Option(metavar="S", help="Seconds between pictures; with --film, of the film.")
     ] = None,
     since: Annotated[float | None, typer.Option("--from", metavar="S", help="First time to draw.")] = None,
     until: Annotated[float | None, typer.Option("--to", metavar="S", help="Last time to draw.")] = None,
-    video: Annotated[bool, typer.Option("--video", help="Make an animated GIF too.")] = False,
     film: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Make a film too: .mp4 (H.264), or .gif of at most 1 MB."),
@@ -91,7 +89,7 @@ def replay(
     if not recorded.recording.columns:
         where = f"what its programs wrote is in outputs/{recorded.configuration}.zip"
         raise UnusableDirectory(f"{results}: {configuration} has no robot, so there is nothing to draw; {where}")
-    asked = _asked(recorded, at or [], every, since, until, video or film is not None)
+    asked = _asked(recorded, at or [], every, since, until, film is not None)
     with writing(folder, "--out"):
         (folder / FRAMES).mkdir(parents=True, exist_ok=True)
     for note in asked.notes:
@@ -114,7 +112,7 @@ def replay(
             print(f"{title}: NOT THE RECORDED RUN: {difference}\n{made}", file=sys.stderr)
         with writing(folder, "--out"):
             story = _story(title, recorded, replayed, difference)
-            written = _drawn(folder, story, replayed, ticks, asked if video else replace(asked, film=()))
+            written = _drawn(folder, story, replayed, ticks)
         if film is not None:
             with writing(film, "--film"):
                 _filmed(film, story, replayed, asked, FILM_EVERY_S if every is None else every)
@@ -130,8 +128,8 @@ def replay(
     ran = replayed.recording.run
     print(f"{ran.outcome.replace('_', ' ')}{': ' if ran.reason else ''}{ran.reason}, {ran.simulated_s:.2f} s simulated")
     print(f"strip: {written['strip']}\nframes: {len(written['frames'])} in {folder / FRAMES}")
-    for name in filter(None, (written["video"], written["film"])):
-        print(f"film: {name}")
+    if film is not None:
+        print(f"film: {film}")
     raise typer.Exit(0 if difference is None else 1)
 
 
@@ -154,7 +152,7 @@ def _asked(
         strip |= {*regular}
     if len(strip) > MOST:
         raise UserError(
-            f"{len(strip)} pictures are too many for a strip, which has {MOST} at the most; --video makes a film"
+            f"{len(strip)} pictures are too many for a strip, which has {MOST} at the most; --film makes a film"
         )
     given = [*(("--at", t_s) for t_s in at_s), ("--every", every_s), ("--from", from_s), ("--to", to_s)]
     notes = [note for option, t_s in given if t_s is not None for note in rounded(option, [t_s])]
@@ -213,10 +211,10 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
     )
 
 
-def _drawn(folder: Path, story: "Story", replayed: "Replay", ticks: list[int], asked: ShownTicks) -> dict[str, Any]:
+def _drawn(folder: Path, story: "Story", replayed: "Replay", ticks: list[int]) -> dict[str, Any]:
     """Write the pictures and return their paths as `--json` prints them."""
     from vastflow.oracles.figures.style import png
-    from vastflow.oracles.replay.still import still_images, strip_figure, write_film
+    from vastflow.oracles.replay.still import still_images, strip_figure
 
     snapshots = {snapshot.moment.tick: snapshot for snapshot in replayed.snapshots}
     chosen = [snapshots[tick] for tick in ticks]
@@ -227,17 +225,7 @@ def _drawn(folder: Path, story: "Story", replayed: "Replay", ticks: list[int], a
         file = folder / FRAMES / f"{t_s:07.2f}s.png"
         still.save(file)
         frames.append({"t_s": t_s, "file": str(file)})
-    film = [snapshots[tick] for tick in asked.film if tick in snapshots]
-    if film:
-        if len(film) > 100:
-            print(f"drawing a film of {len(film)} pictures", file=sys.stderr)
-        write_film(folder / FILM, story, film)
-    return {
-        "frames": frames,
-        "strip": str(folder / STRIP),
-        "video": str(folder / FILM) if film else None,
-        "film": None,
-    }
+    return {"frames": frames, "strip": str(folder / STRIP), "film": None}
 
 
 def _filmed(file: Path, story: "Story", replayed: "Replay", asked: ShownTicks, every_s: float) -> None:

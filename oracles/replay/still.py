@@ -219,8 +219,6 @@ def _write_caption(
     )
 
 
-FRAME_MS: Final = 250
-"""Duration of a picture."""
 LAST_MS: Final = 2000
 
 _KEPT: Final = (
@@ -246,7 +244,7 @@ def write_film(
     file: Path,
     story: Story,
     snapshots: Sequence[TickSnapshot],
-    picture_ms: int = FRAME_MS,
+    picture_ms: int,
     most_bytes: int | None = None,
 ) -> int:
     """Write the stills of `snapshots` (one or more) as a film of the kind of the file's suffix.

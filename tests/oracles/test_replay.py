@@ -171,23 +171,23 @@ def test_stills_have_one_size_and_zones_of_masks(occupancy):
 
 
 def test_film_shows_all_pictures_in_true_colors(occupancy, tmp_path):
-    still.write_film(tmp_path / "film.gif", a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40, 59)])
+    still.write_film(tmp_path / "film.gif", a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40, 59)], 250)
     with Image.open(tmp_path / "film.gif") as picture:
         colors = {color for _, color in picture.convert("RGB").getcolors(maxcolors=1024)}
         shown = []
         for k in range(picture.n_frames):
             picture.seek(k)
             shown.append(picture.info["duration"])
-    assert shown == [still.FRAME_MS] * 3 + [still.LAST_MS]
+    assert shown == [250] * 3 + [still.LAST_MS]
     assert {FREE, rgb(GOAL_COLOR), rgb(COLORS["fail"])} <= colors
 
 
 def test_film_drops_pictures_to_stay_small(occupancy, tmp_path):
     story, snapshots = a_story(occupancy), [a_snapshot(tick) for tick in range(0, 60, 5)]
     file = tmp_path / "film.gif"
-    assert still.write_film(file, story, snapshots) == 12
+    assert still.write_film(file, story, snapshots, 250) == 12
     whole = file.stat().st_size
-    kept = still.write_film(file, story, snapshots, most_bytes=whole * 2 // 3)
+    kept = still.write_film(file, story, snapshots, 250, most_bytes=whole * 2 // 3)
     with Image.open(file) as film:
         assert 4 <= kept == film.n_frames < 12
     assert file.stat().st_size <= whole * 2 // 3

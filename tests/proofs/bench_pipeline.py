@@ -1,6 +1,6 @@
 """Benchmark the pipeline by a campaign whose runs do nothing.
 
-    vastflow dev bench pipeline [--configurations 5480] [--runs 20] [--json]
+    python tests/proofs/bench_pipeline.py [--configurations 5480] [--runs 20] [--json]
 
 runs this file, as `python tests/proofs/bench_pipeline.py` does.
 """

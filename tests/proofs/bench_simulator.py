@@ -1,6 +1,6 @@
 """The pinned benchmark: closed loops in CPU time, with everything that could flatter it printed beside it.
 
-    vastflow dev bench sim --controller mppi|dwb|rpp [--profile] [--json]
+    python tests/proofs/bench_simulator.py --controller mppi|dwb|rpp [--profile] [--json]
 
 runs this file, as `python tests/proofs/bench_simulator.py` does.
 """
@@ -266,7 +266,7 @@ def main() -> None:
     try:
         found = bench(asked.controller, profile=asked.profile)
     except ValueError as error:
-        print(f"vastflow dev bench sim: {error}", file=sys.stderr)
+        print(f"bench_simulator.py: {error}", file=sys.stderr)
         sys.exit(2)
     print(shown(found, as_json=asked.json))
 

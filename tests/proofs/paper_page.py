@@ -1,6 +1,6 @@
 """The page that puts results beside the paper's: figures from campaign directories, words from a template.
 
-    vastflow dev paper RESULTS...
+    python tests/proofs/paper_page.py RESULTS...
 
 runs this file, as `python tests/proofs/paper_page.py RESULTS...` does.
 """
