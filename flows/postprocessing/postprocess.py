@@ -4,7 +4,7 @@ import json
 import os
 import signal
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -16,11 +16,10 @@ from vastflow.flows.postprocessing.plug_in import Request
 from vastflow.flows.results.results import write_json
 from vastflow.flows.results.summary import Results
 from vastflow.producers.campaign_file.postprocessing import CONFIG, ProcessingStep
-from vastflow.sim.model.digest import digest, file_digest
-from vastflow.sim.model.files import copy_file, files_below, read_json
+from vastflow.sim.model.digest import file_digest
+from vastflow.sim.model.files import copy_file, read_json
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.process import own_environment, python_command
-from vastflow.tasks.store.artifact import inside
 
 FOLDER: Final = "postprocessing"
 STAGE: Final = "postprocessing"
@@ -37,7 +36,6 @@ class Processed:
         outcome: `failed` is a fault of the step, never one of a run.
         message: What it says of itself, or why it failed.
         files: Place below the results' copy to the digest of each file that it wrote.
-        key: Digest of all that the files follow from; empty where nothing may be reused.
     """
 
     name: str
@@ -45,14 +43,12 @@ class Processed:
     message: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, str] = field(default_factory=dict)
-    key: str = ""
 
 
 def postprocessed(written: Results, steps: Sequence[ProcessingStep], base: Path) -> Results:
     """Run the steps over a written campaign directory, and add faults for failed steps.
 
-    What a step writes into its copy of the results lies in the campaign directory's folder `postprocessing`, at the same
-    place; a step whose results, plug-in and parameters are those of a campaign directory beside this one is not run again.
+    What a step writes into its copy of the results lies in the campaign directory's folder `postprocessing`, at the same place.
 
     Args:
         base: The campaign file's folder.
@@ -61,11 +57,9 @@ def postprocessed(written: Results, steps: Sequence[ProcessingStep], base: Path)
         return written
     directory, file = written.directory, written.directory / "metadata.json"
     metadata = read_json(file)
-    report = metadata.get("report")
-    key = digest(STAGE, report) if isinstance(report, str) else ""
     with TemporaryDirectory(prefix="vastflow-", ignore_cleanup_errors=True) as aside:
         copy = _Copy(directory, Path(aside).resolve() / directory.name)
-        done = list(_each(steps, base, copy, key))
+        done = list(_each(steps, base, copy))
     (directory / FOLDER).mkdir(exist_ok=True)
     write_json(directory / FOLDER / STEPS, {"steps": [asdict(step) for step in done]})
     faults = [RunFault("", None, STAGE, f"{step.name}: {step.message}") for step in done if step.outcome == "failed"]
@@ -74,7 +68,7 @@ def postprocessed(written: Results, steps: Sequence[ProcessingStep], base: Path)
     return replace(written, faults=(*written.faults, *faults))
 
 
-def _each(steps: Sequence[ProcessingStep], base: Path, copy: "_Copy", key: str) -> Iterator[Processed]:
+def _each(steps: Sequence[ProcessingStep], base: Path, copy: "_Copy") -> Iterator[Processed]:
     for step in steps:
         if step.instead:
             yield Processed(step.name, "recorded" if step.kind == "recorded" else "not executed", step.instead)
@@ -83,40 +77,18 @@ def _each(steps: Sequence[ProcessingStep], base: Path, copy: "_Copy", key: str) 
         if said.message:
             yield said
             continue
-        key = digest(key, step.name, step.parameters, [file_digest(file) for file in step.files(base)]) if key else ""
-        if key and (found := _earlier(copy.directory, key)):
-            folder, said = found
-            copy.keep(folder, said.files)
-        else:
-            before = copy.state()
-            done, message = _run(step, copy.folder)
-            new = sorted(name for name, state in copy.state().items() if before.get(name) != state)
-            copy.keep(copy.folder, new)
-            files = {name: file_digest(copy.folder / name) for name in new}
-            said = replace(said, outcome="done" if done else "failed", message=message, files=files, key=key)
-            if not done:
-                key = ""  # what follows may build on what it left half done
-        yield said
-
-
-def _earlier(directory: Path, key: str) -> tuple[Path, Processed] | None:
-    """Return the newest neighboring folder with a step of this key, and its files as they were written."""
-    for folder in sorted(directory.parent.glob(f"*/{FOLDER}"), key=lambda each: each.parent.name[-20:], reverse=True):
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            for step in (Processed(**row) for row in read_json(folder / STEPS)["steps"]):
-                if step.key == key and step.outcome == "done":
-                    files = step.files.items()  # a user may have edited them
-                    if all(file_digest(inside(folder, name)) == own for name, own in files):
-                        return folder, step
-    return None
+        before = copy.state()
+        done, message = _run(step, copy.folder)
+        new = sorted(name for name, state in copy.state().items() if before.get(name) != state)
+        for name in new:
+            copy_file(copy.folder / name, copy.directory / FOLDER / name)
+        files = {name: file_digest(copy.folder / name) for name in new}
+        yield replace(said, outcome="done" if done else "failed", message=message, files=files)
 
 
 @dataclass(frozen=True)
 class _Copy:
-    """The copy of a campaign's results that steps run over, made when the first one needs it.
-
-    Files that steps wrote go from it into the campaign directory, and from there into the copy of a later step.
-    """
+    """The copy of a campaign's results that steps run over, made when the first one needs it."""
 
     directory: Path
     folder: Path
@@ -125,19 +97,10 @@ class _Copy:
         """Place of each file of the copy to its size and time; makes the copy."""
         if not self.folder.exists():
             export(self.directory, self.folder, outputs="")
-            for file in files_below(kept := self.directory / FOLDER):
-                copy_file(file, self.folder / file.relative_to(kept))
         files = (path for path in self.folder.rglob("*") if path.is_file() and not path.is_symlink())
         return {
             path.relative_to(self.folder).as_posix(): (path.stat().st_size, path.stat().st_mtime_ns) for path in files
         }
-
-    def keep(self, source: Path, names: Iterable[str]) -> None:
-        """Keep files that a step wrote into its copy, or for another campaign directory."""
-        copied = source == self.folder or not self.folder.exists()
-        for target in (self.directory / FOLDER, *([] if copied else [self.folder])):
-            for name in names:
-                copy_file(source / name, target / name)
 
 
 def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:

@@ -16,7 +16,6 @@ from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
-from vastflow.sim.model.digest import file_digest
 from vastflow.sim.model.recording import Outputs, Recording, Run
 
 PLUG_IN = """\
@@ -72,7 +71,7 @@ class Campaign:
         self.file, self.root = file, root
         self.count = 0
 
-    def after(self, steps, report="a report's key"):
+    def after(self, steps):
         """The steps' rows and the results, of a directory in which two configurations with two runs each were judged."""
         self.count += 1
         text = self.file.read_text().partition("results_processing")[0]
@@ -83,8 +82,7 @@ class Campaign:
         verdicts = [Verdict("success", 0, "pass"), Verdict("success", 1, "fail", "late")]
         found = ConfigurationResult([write_recordings(rows)], verdicts=verdicts, outputs=[write_outputs(outputs)])
         created = datetime(2026, 11, 21, 10, 0, self.count)
-        record = {"report": report} if report else {}
-        written = write_results(self.file, self.root, found, record=record, created=created)
+        written = write_results(self.file, self.root, found, created=created)
         before = contents(written.directory, "metadata.json")
         steps = steps_of(campaign.spec.results_processing.postprocessing)
         results = postprocessed(written, steps, self.file.parent)
@@ -153,39 +151,6 @@ def test_redundant_steps_are_skipped_with_note(campaign):
     rows, results = campaign.after(["rosbags_to_csv", {"rosbags_tf_to_csv": {"frames": ["base_link"]}}, "compress"])
     assert [row["outcome"] for row in rows] == ["recorded", "recorded", "not executed"]
     assert "poses.csv" in rows[1]["message"] and results.faults == ()
-
-
-def test_steps_run_again_only_if_edited(campaign):
-    steps = ["measure/plug.py:Lengths", {"command": {"script": "count.sh"}}]
-    counter = campaign.root.parent / "count"
-    (campaign.file.parent / "count.sh").write_text(f"#!/bin/sh\necho run >> {counter}\ncp {counter} .\n")
-    rows, first = campaign.after(steps)
-    again, second = campaign.after(steps)
-    assert counter.read_text() == "run\n" and again == rows
-    assert contents(second.directory / "postprocessing") == contents(first.directory / "postprocessing")
-    (second.directory / "postprocessing/room-1/0/length.len").write_text("0 True")
-    _, edited = campaign.after(steps)
-    assert (edited.directory / "postprocessing/room-1/0/length.len").read_text() == "5 True"
-    runs = counter.read_text()
-    (campaign.file.parent / "measure" / "helper.py").write_text(HELPER.replace("len(", "2 * len("))
-    _, third = campaign.after(steps)
-    assert (third.directory / "postprocessing/room-1/0/length.len").read_text() == "10 True"
-    assert counter.read_text() == runs + "run\n"  # what follows a step that is another now runs again
-    campaign.after(steps, report="other results")
-    campaign.after(steps, report="")  # of results with a fault there is no key
-    assert counter.read_text() == runs + "run\n" * 3
-
-
-def test_neighbor_s_files_that_lead_out_are_not_taken_over(campaign):
-    steps = [{"command": {"script": "note.sh", "args": [0]}}]
-    (row,), first = campaign.after(steps)
-    outside = first.directory.parent / "outside.txt"
-    outside.write_text("from elsewhere")
-    place = "../../outside.txt"
-    file = first.directory / "postprocessing" / "steps.json"
-    file.write_text(json.dumps({"steps": [{**row, "files": {place: file_digest(outside)}}]}))
-    (again,), _ = campaign.after(steps)
-    assert again["files"] == row["files"]
 
 
 def test_poses_are_in_robovast_s_columns_estimated_and_true():
