@@ -37,9 +37,8 @@ from vastflow.producers.model.producer import (
     find_producer,
     may_list_obstacles,
 )
-from vastflow.producers.places.fixed_poses import pose_complaints
 from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY, MapSearch, occupancy_of
-from vastflow.producers.places.start_check import is_of_footprint, room_m, stops_of
+from vastflow.producers.places.start_check import is_of_footprint, pose_complaints, room_m, stops_of
 from vastflow.producers.places.stops import GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Fault, FileError, Place, parted
