@@ -76,7 +76,10 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
         place = Place(document.file, *document.place(document.node("controller_server") or ()), "controller_server")
         yield Fault(place, "enables no critic of its controller", "it will not follow a path", "warning")
     for path in document.repeated:
-        yield note(path, "a second time", "this value counts")
+        counts = (
+            "this value counts" if path in document.values else "both count; Nav2's launch files take the last alone"
+        )
+        yield note(path, "a second time", counts)
     for path, why in found.reader.unused.items():
         if path[-1] == "robot_radius" and path in document.values:
             yield note(path, f"got {shown(document.values[path])}, which has no effect", why)
@@ -103,7 +106,10 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
             groups.setdefault(finding.about, []).append(finding)
     for about, (first, *others) in groups.items():
         if first.status == "differs":
-            what, right = f"got {shown(first.value)}, which is not modeled", f"{shown(first.used)} is built in"
+            what, right = (
+                f"got {shown(first.value)}, which is not modeled",
+                first.why or f"{shown(first.used)} is built in",
+            )
         else:
             what, right = f"its {len(others) + 1} parameters are not modeled" if others else "not modeled", first.why
         yield note(about, what, right, "not modeled")

@@ -7,6 +7,7 @@ from vastflow.sim.loop.standstill import CAUSES, STOOD_STILL
 from vastflow.sim.model.recording import Event
 
 REASONS: Final[Mapping[int, str]] = {
+    100: "the controller server has no checker that it would take (UNKNOWN)",
     103: "the plan led out of the local costmap (INVALID_PATH)",
     104: "the controller found no valid command (PATIENCE_EXCEEDED)",
     105: "no progress (FAILED_TO_MAKE_PROGRESS)",

@@ -1,5 +1,6 @@
 """Groups of Nav2's parameters as pydantic models, and complaints about their values."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Self, TypeAlias, get_args
@@ -31,9 +32,7 @@ class ParameterGroup(BaseModel):
     def _from_yaml(cls, value: Any, info: ValidationInfo) -> Any:
         known = cls.model_fields[str(info.field_name)]
         if isinstance(value, int | float) and not isinstance(value, bool):
-            source = source_of(known)
-            value = source.stands_for.get(value, value)
-            value = source.below if source.below is not None and value < range_of(known)[0] else value
+            value = _meant(known, value)
         if isinstance(value, float) and value.is_integer() and known.annotation in _WHOLE:
             return int(value)
         return tuple(value) if isinstance(value, list) else value
@@ -53,7 +52,9 @@ class Source:
     Attributes:
         needs: Another field, the value without which this one has no effect, and why.
         stands_for: Values outside of the range, such as -1 for no limit, to those that mean the same.
-        below: Value that all numbers below the range mean, as where Nav2 has a default for them.
+        below, above: Value that all numbers below or above the range mean, as where Nav2 has a default for them.
+        mirrored: Whether Nav2 takes a number and its negative alike.
+        least, most: Range of the numbers with which Nav2 starts, and works.
         name: Parameter with the `texts` that stand for the field's values.
         is_derived: True if the field follows from lists and classes, not from a parameter.
     """
@@ -61,6 +62,10 @@ class Source:
     needs: Needs = None
     stands_for: Mapping[float, float] = field(default_factory=dict)
     below: float | None = None
+    above: float | None = None
+    mirrored: bool = False
+    least: float = -math.inf
+    most: float = math.inf
     name: str = ""
     texts: Mapping[str, Any] | None = None
     is_derived: bool = False
@@ -70,17 +75,9 @@ _SOURCE: Final = "source"
 """Key in `json_schema_extra`."""
 
 
-def parameter(
-    default: Any,
-    low: float | None = None,
-    high: float | None = None,
-    *,
-    needs: Needs = None,
-    stands_for: Mapping[float, float] | None = None,
-    below: float | None = None,
-) -> Any:
-    """Return a field of a `ParameterGroup` with an inclusive range; for the other arguments see `Source`."""
-    return _field_from(Source(needs, stands_for or {}, below), default, low, high)
+def parameter(default: Any, low: float | None = None, high: float | None = None, **source: Any) -> Any:
+    """Return a field of a `ParameterGroup` with an inclusive range, and its `Source` by that one's attributes."""
+    return _field_from(Source(**source), default, low, high)
 
 
 def choice(default: Any, name: str, texts: Mapping[str, Any]) -> Any:
@@ -102,6 +99,27 @@ def source_of(field: FieldInfo) -> Source:
     """Return a field's source in a parameter file."""
     extra: Any = field.json_schema_extra
     return extra[_SOURCE] if isinstance(extra, Mapping) and _SOURCE in extra else Source()
+
+
+def _meant(field: FieldInfo, value: float) -> float:
+    """Return the number that another one stands for."""
+    source, (low, high) = source_of(field), range_of(field)
+    if source.mirrored:
+        value = abs(value) if high > 0.0 else -abs(value)
+    value = source.stands_for.get(value, value)
+    if source.below is not None and value < low:
+        return source.below
+    return source.above if source.above is not None and value > high else value
+
+
+def held(field: FieldInfo, value: Any) -> float | None:
+    """Return the bound of the modeled range that a number lies beyond; None for any other value, and where Nav2 fails."""
+    source, (low, high) = source_of(field), range_of(field)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not source.least <= value <= source.most:
+        return None
+    meant = _meant(field, value)
+    bound = min(max(meant, low), high)
+    return None if bound == meant else bound
 
 
 def complaint(model: type[BaseModel], name: str, value: Any) -> str | None:

@@ -1,6 +1,6 @@
 """Polygons in Nav2's text, such as a costmap's `footprint`."""
 
-import ast
+import re
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -49,22 +49,30 @@ def area_of(text: str) -> Vertices:
 def _read(footprint: str) -> Vertices:
     if len(footprint) > _LONGEST:
         raise ValueError(_FORM)
-    try:
-        found = ast.literal_eval(footprint.strip())
-    except (ValueError, SyntaxError, MemoryError, RecursionError):
-        raise ValueError(_FORM) from None
-    if not isinstance(found, list) or len(found) < 3:
+    vertices = points_of(footprint)
+    if not all(abs(part) <= FARTHEST_M for vertex in vertices for part in vertex):
         raise ValueError(_FORM)
-    for item in found:
-        if not isinstance(item, list) or [type(part) in (int, float) for part in item] != [True, True]:
-            raise ValueError(_FORM)
-        if not all(abs(part) <= FARTHEST_M for part in item):
-            raise ValueError(_FORM)
-    vertices = [(float(x), float(y)) for x, y in found]
     apart = tuple(own for own, after in zip(vertices, [*vertices[1:], vertices[0]], strict=True) if own != after)
     if len(apart) < 3:
         raise ValueError(_FORM)
     return apart
+
+
+def points_of(text: str) -> list[tuple[float, float]]:
+    """Return three or more points as Nav2 parses them, with or without commas; raise a `ValueError` where it fails."""
+    rows: list[list[float]] = []
+    depth = 0
+    for token in re.findall(r"[\[\]]|[^ 	,\[\]]+", text):
+        depth += {"[": 1, "]": -1}.get(token, 0)
+        if token == "[" and depth == 2:
+            rows.append([])
+        elif token not in "[]" and depth == 2:
+            rows[-1].append(float(token))
+        elif token not in "[]" or not 0 <= depth <= 2:
+            raise ValueError(_FORM)
+    if depth != 0 or len(rows) < 3 or any(len(row) != 2 for row in rows):
+        raise ValueError(_FORM)
+    return [(x, y) for x, y in rows]
 
 
 def as_array(vertices: Vertices) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameter_files.refusals import refusals
 from vastflow.sim.nav2.parameter_files.releases import release_of
 from vastflow.sim.nav2.parameters.costmap import NEVER_HZ
+from vastflow.sim.nav2.parameters.servers import NO_CHECKER
 
 INFLATION = "inflation_layer: {plugin: 'nav2_costmap_2d::InflationLayer'}"
 GOAL = "general_goal_checker: {plugin: 'nav2_controller::SimpleGoalChecker'"
@@ -224,7 +225,7 @@ def test_several_goal_checkers_are_as_the_release_says():
         document = parse(f"{text}")
         document = replace(document, values={**document.values, ("nav2_release",): release})
         tolerances.append(interpretation(document).parameters.goal_checker.xy_goal_tolerance)
-    assert tolerances == [-1.0, 0.25]  # below zero: no path is followed
+    assert tolerances == [NO_CHECKER, 0.25]
 
 
 def test_speed_of_rpp_has_another_name_since_lyrical():

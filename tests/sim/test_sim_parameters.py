@@ -174,7 +174,7 @@ def test_unread_depends_on_the_parameters_of_the_file(content, tmp_path):
 
 def test_further_key_is_checked_beside_faults_of_the_system():
     with pytest.raises(FileError) as caught:
-        check_key({"pf_err": -1}, "robot_radius", -1)
+        check_key({"pf_err": -1}, "robot_radius", 0)
     assert {fault.place.where for fault in caught.value.faults} == {"pf_err", "robot_radius"}
     assert check_key({}, "robot_radius", 0.3)
     assert not check_key({}, "robot_color", "red")

@@ -50,6 +50,57 @@ def test_csv_values_have_apparent_types():
     assert list(map(type, found[:3])) == [int, float, float]
 
 
+@each_row(
+    ("text", "value"),
+    [
+        ("1e-3", 0.001),
+        ("1E3", 1000.0),
+        ("y", True),
+        ("N", False),
+        ("'y'", "y"),
+        ("off", False),
+        ("inf", float("inf")),
+        ("-Infinity", -float("inf")),
+        ("08", 8.0),
+        ("010", 8),
+        ("0x10", 16),
+        ("0o10", "0o10"),
+        ("'0.5'", "0.5"),
+        ("!!str 5", "5"),
+        ("9223372036854775807", 9223372036854775807),
+        ("9223372036854775808", 9223372036854775808.0),
+        ("1e400", "1e400"),
+        ("1e-400", "1e-400"),
+        ("0e400", 0.0),
+        ("2024-01-01", "2024-01-01"),
+    ],
+)
+def test_values_are_read_as_ros_2_parses_what_launch_files_write(text, value):
+    (found,) = values(f"a: {{ros__parameters: {{b: {text}}}}}").values()
+    assert (found, type(found)) == (value, type(value))
+
+
+def test_second_document_is_refused_as_by_nav2s_launch_files():
+    assert "2:1: file: expected one, as Nav2's launch files take no more, got a second YAML document" in fault(
+        "a: {ros__parameters: {b: 1}}\n---\na: {ros__parameters: {b: 2}}"
+    )
+    assert values("---\na: {ros__parameters: {b: 1}}\n...\n")
+
+
+@each_row(
+    ("text", "repeated"),
+    [
+        ("a: {ros__parameters: {b: 1}}\na: {ros__parameters: {c: 1}}", [("a",)]),
+        ("a: {ros__parameters: {g: {b: 1}, g: {c: 1}}}", [("a", "ros__parameters", "g")]),
+        ("/a: {ros__parameters: {b: 1}}\na: {ros__parameters: {c: 1}}", []),
+        ("a: {ros__parameters: {g: &g {b: 1}, <<: {g: *g}}}", []),
+    ],
+)
+def test_group_that_a_mapping_has_twice_is_noted(text, repeated):
+    document = parse(text)
+    assert [path for path in document.repeated if path not in document.values] == repeated
+
+
 def test_aliases_and_merges_are_resolved_and_own_keys_win():
     found = values("x: {ros__parameters: &x {b: 1, c: {d: 1}}}\ny: {ros__parameters: {<<: *x, b: 2}}")
     assert {path[2:]: value for path, value in found.items() if path[0] == "y"} == {("b",): 2, ("c", "d"): 1}
@@ -67,7 +118,7 @@ def test_values_have_places():
 def test_last_of_two_equal_parameters_counts():
     document = parse("a: {ros__parameters: {b: 1}}\nc: {ros__parameters: {d: 1}}\na: {ros__parameters: {b: 2, e: 1}}")
     assert document.values[("a", "ros__parameters", "b")] == 2
-    assert document.repeated == (("a", "ros__parameters", "b"),)
+    assert document.repeated == (("a",), ("a", "ros__parameters", "b"))
     assert document.place(("a", "ros__parameters", "b")) == (3, 26)
 
 

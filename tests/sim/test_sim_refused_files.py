@@ -12,6 +12,7 @@ from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import parse
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.refusals import refusals
+from vastflow.sim.nav2.parameters.servers import NO_CHECKER
 
 RPP = "{plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}"
 SIMPLE = "{plugin: 'nav2_controller::SimpleGoalChecker', xy_goal_tolerance: 0.05}"
@@ -45,8 +46,7 @@ def mppi(critics, text=""):
 )
 def test_several_checkers_of_which_the_tree_names_none_refuse_every_path(text, is_followed):
     found = controller_server(text)
-    assert (found.parameters.progress_checker.movement_time_allowance > 0.0) == is_followed
-    assert (found.parameters.goal_checker.xy_goal_tolerance > 0.0) == is_followed
+    assert (found.parameters.goal_checker.xy_goal_tolerance != NO_CHECKER) == is_followed
     assert any("refuses each path" in consequence for _, consequence in found.reader.warnings.values()) != is_followed
 
 
@@ -58,6 +58,11 @@ def test_several_checkers_of_which_the_tree_names_none_refuse_every_path(text, i
         (f"controller_plugins: [A], A: {RPP[:-1]}, lookahead_dist: 1}}", "expected a double"),
         ("speed_limit_topic: 3", "expected text"),
         ("publish_zero_velocity: 1", "expected true or false"),
+        ("speed_limit_topic: [a, 1]", "expected a list of one type, as no node reads the file otherwise"),
+        ("own: [1.0, null]", "expected a list of one type"),
+        ("own: []", "expected items, or no such line, as the node ends otherwise"),
+        ("progress_checker_plugins: []", "expected items"),
+        ("publish_zero_velocity: null", "expected true or false, as the node ends otherwise, got nothing"),
         (f"controllers: [Base], Base: {RPP}", "no controller_plugins names it; controller_plugins: [Base]"),
     ],
 )
@@ -77,10 +82,14 @@ def test_file_with_which_a_node_ends_is_refused(text, words):
         ("velocity_smoother", f"deadband_velocity: [{'9' * 400}, 0.0, 2.0]", 1),
         ("amcl", "alpha1: 1.0", 0),
         ("amcl", "robot_model_type: differential", 0),
+        ("amcl", "map_topic: null", 0),
+        ("amcl", "own: [$(var x), 1.0]", 0),
+        ("my_node", "own: []", 0),
+        ("my_node", "own: [1, 1.0]", 1),
     ],
 )
 def test_numbers_of_another_type_are_refused(node, text, count):
-    found = interpretation(parse(f"{node}: {{ros__parameters: {{{text}}}}}"))
+    found = interpretation(parse(f"{node}: {{ros__parameters: {{{text}}}}}\nwaypoint_follower: {{ros__parameters: }}"))
     assert len([*refusals(found)]) == count
 
 
@@ -104,7 +113,7 @@ def test_source_of_a_type_that_nav2_has_not_is_refused(kind, source, words):
     own = f"o: {{plugin: 'nav2_costmap_2d::{kind}', observation_sources: a s, s: {{{source}}}, unlisted: {{data_type: x}}}}"
     text = f"local_costmap: {{local_costmap: {{ros__parameters: {{plugins: [o], {own}}}}}}}"
     if kind == "monitor":
-        text = f"collision_monitor: {{ros__parameters: {{polygons: [], observation_sources: [s], s: {{{source}}}}}}}"
+        text = f"collision_monitor: {{ros__parameters: {{polygons: [p], p: {{type: polygon, action_type: approach}}, observation_sources: [s], s: {{{source}}}}}}}"
     assert [words in str(fault) for fault in refusals(interpretation(parse(text)))] == [True] * bool(words)
 
 

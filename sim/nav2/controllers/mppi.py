@@ -367,7 +367,7 @@ class Mppi(MppiParameters, Controller):
 
     def memory(self, setting: Setting) -> MppiMemory:
         """The stream, the goal's tolerance, and the circumscribed cost of the run."""
-        return new_memory(self, setting.stream, setting.circumscribed_cost, setting.xy_goal_tolerance_m)
+        return new_memory(self, setting.stream, setting.circumscribed_cost, abs(setting.xy_goal_tolerance_m))
 
     def speed_limits(self) -> SpeedLimits:
         """All its speeds by the same share, however great a limit in m/s is."""

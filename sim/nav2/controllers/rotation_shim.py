@@ -26,7 +26,7 @@ def turn(p: Any, m: Any, window: Window, path: Any, w_radps: float, dt_s: float)
     q = p.rotation_shim
     w_radps = w_radps if q.closed_loop != 0 else m.shim_w
     if q.rotate_to_goal_heading != 0:
-        if math.hypot(m.goal_x - m.x, m.goal_y - m.y) <= p.goal_checker.xy_goal_tolerance:
+        if math.hypot(m.goal_x - m.x, m.goal_y - m.y) <= abs(p.goal_checker.xy_goal_tolerance):
             m.shim_at_goal = 1
         if m.shim_at_goal != 0:
             angle = wrapped(m.goal_yaw - m.yaw)

@@ -24,6 +24,10 @@ def cost_stamp(
 
     254 at the center, 253 within the inscribed radius, floor(252 exp(-k (d - r_inscribed))) beyond, 0 past R cells.
     """
+    if cost_scaling_factor > 0.0:  # farther away all costs are 0
+        inflation_radius_m = min(
+            inflation_radius_m, inscribed_radius_m + math.log(252.0) / cost_scaling_factor + resolution_m
+        )
     reach = math.ceil(inflation_radius_m / resolution_m)
     offsets = np.arange(-reach, reach + 1)
     cells = np.hypot(offsets[:, None], offsets[None, :])

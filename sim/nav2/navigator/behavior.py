@@ -21,6 +21,7 @@ from vastflow.sim.nav2.navigator import state
 from vastflow.sim.nav2.navigator.latency import cycle_begins, order, order_when_computed
 from vastflow.sim.nav2.navigator.profile import BEHAVIOR, CONTROLLER, PLANNER, lap
 from vastflow.sim.nav2.navigator.state import Grids, Local, Route
+from vastflow.sim.nav2.parameters.servers import NO_CHECKER
 from vastflow.sim.nav2.planners.binding import compute_path
 from vastflow.sim.nav2.planners.navfn import cell, on_map
 from vastflow.sim.nav2.planners.planner import GOAL_OUTSIDE, START_OUTSIDE, TIMEOUT, PlannerInput
@@ -42,7 +43,7 @@ SPIN_RAD: Final = 1.57
 BACK_UP_M: Final = 0.30
 BACK_UP_MPS: Final = 0.15
 
-INVALID_PATH, PATIENCE_EXCEEDED, FAILED_TO_MAKE_PROGRESS, CONTROLLER_TIMED_OUT = 103, 104, 105, 107
+UNKNOWN, INVALID_PATH, PATIENCE_EXCEEDED, FAILED_TO_MAKE_PROGRESS, CONTROLLER_TIMED_OUT = 100, 103, 104, 105, 107
 """Nav2's error codes of FollowPath; 103 and 107 are not among those that a recovery is tried for."""
 
 THROUGH_POSES: Final = 100
@@ -110,6 +111,9 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
     ):
         reset(controller)
         _recover(p, m, route.goals)
+        return
+    if m.path_n > 0 and p.goal_checker.xy_goal_tolerance == NO_CHECKER:
+        _control_failed(p, m, route.goals, controller, UNKNOWN)
         return
     # The controller server waits for a plan, and after a clearing for the local costmap's next update.
     if m.path_n == 0 or m.local_current == 0:
@@ -261,7 +265,7 @@ def _twist(p: Any, m: Any) -> Any:
 def _goal_reached(p: Any, m: Any) -> bool:
     """StoppedGoalChecker: the position once, then the yaw, and the robot's rest; a new path takes the latch back."""
     q = p.goal_checker
-    near = math.hypot(m.goal_x - m.x, m.goal_y - m.y) <= q.xy_goal_tolerance
+    near = math.hypot(m.goal_x - m.x, m.goal_y - m.y) <= abs(q.xy_goal_tolerance)
     if near and q.stateful:
         m.latched = 1
     if not (near or m.latched == 1) or abs(wrapped(m.goal_yaw - m.yaw)) > q.yaw_goal_tolerance:

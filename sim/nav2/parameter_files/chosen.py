@@ -313,9 +313,9 @@ def _chosen(system: _System) -> Chosen:
     changed, touched = rewritten(document, {key: value for key, value in keys.items() if key not in own})
     touched |= {key: _targets(document, key) for key in own}
     try:
-        return Chosen(
-            interpretation(replace(changed, values={**changed.values, **_own_values(own)}), drawn=system.drawn), touched
-        )
+        own_paths = {path for paths in touched.values() for path in paths}
+        values = {**changed.values, **_own_values(own)}
+        return Chosen(interpretation(replace(changed, values=values), drawn=system.drawn, varied=own_paths), touched)
     except FileError as error:
         raise FileError(_named(fault, touched) for fault in error.faults) from None
 

@@ -19,7 +19,14 @@ from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, shor
 from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, Used, Values, plug_in_name, written, written_plugins
 from vastflow.sim.nav2.parameter_files.releases import release_of
 from vastflow.sim.nav2.parameters.mppi import AckermannParameters, MppiParameters
-from vastflow.sim.nav2.parameters.servers import NO_LIMIT, ControllerServer, GoalChecker, ProgressChecker, RotationShim
+from vastflow.sim.nav2.parameters.servers import (
+    NO_CHECKER,
+    NO_LIMIT,
+    ControllerServer,
+    GoalChecker,
+    ProgressChecker,
+    RotationShim,
+)
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
 _CHECKERS: Final = {"progress_checker": PROGRESS_CHECKERS, "goal_checker": GOAL_CHECKERS}
@@ -61,11 +68,8 @@ def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
     return parts
 
 
-_REFUSING: Final[Parts] = {
-    "goal_checker": GoalChecker().model_copy(update={"xy_goal_tolerance": -1.0}),
-    "progress_checker": ProgressChecker().model_copy(update={"movement_time_allowance": -1.0}),
-}
-"""Checkers with which no path is followed, not even at the goal: following fails in the cycle that it begins in."""
+_REFUSING: Final[Parts] = {"goal_checker": GoalChecker().model_copy(update={"xy_goal_tolerance": NO_CHECKER})}
+"""The checker with which no path is followed, not even at the goal."""
 
 
 def _controller(reader: Reader, used: Used) -> Parts:

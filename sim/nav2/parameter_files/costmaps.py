@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import ScenarioError, complaint
 from vastflow.sim.model.parameter import ParameterLocation
-from vastflow.sim.model.polygon import vertices_of
+from vastflow.sim.model.polygon import points_of, vertices_of
 from vastflow.sim.nav2.controllers.controller import Controller
 from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
@@ -212,6 +212,12 @@ def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costma
         given[field] = _obstacle_layer(reader, layer) if is_marking else reader.instance_group(layer)
     shipped = global_costmap() if node[-2] == "global_costmap" else local_costmap()
     values = reader.document.values
+    if isinstance(text := values.get((*node, "footprint")), str) and text not in ("", "[]"):
+        try:
+            points_of(text)
+        except ValueError as error:
+            given["footprint"] = reader.asked[(*node, "footprint")] = "[]"
+            reader.warnings[(*node, "footprint")] = f"expected {error}", "Nav2 takes robot_radius"
     if values.get((*node, "footprint"), "[]") not in ("", "[]") and values.get((*node, "robot_radius")) == 0.0:
         given["robot_radius"] = shipped.robot_radius  # Nav2 does not look at it beside a polygon
     found = reader.group(Costmap, node, given=given, left_out=shipped, kinds=[node[-2]])

@@ -7,11 +7,14 @@ A file nests nodes, `ros__parameters` and groups; here a path leads to each valu
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
+import yaml
 from yaml.constructor import ConstructorError, SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
@@ -31,6 +34,9 @@ SUBSTITUTION: Final = "$("
 """Begins what a launch file replaces in a parameter file, as in `$(env SPEED 0.3)`."""
 ENVIRONMENT: Final = re.compile(r"\$\((?:opt)?env +[^\s()]+ +'?([^()']*)'?\)")
 EXPONENT: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+")
+_NUMBER: Final = re.compile(rf"{EXPONENT.pattern}|[-+]?0\d*[89]\d*|[-+]?(?i:inf|infinity)")
+_FLAGS: Final[Mapping[str, bool]] = {"y": True, "Y": True, "n": False, "N": False}
+"""Numbers and flags of ROS 2's parser, rcl_yaml_param_parser, that YAML 1.1 in Python takes for text."""
 _CONSTRUCTOR: Final = SafeConstructor()
 WHOLE_FILE: Final = "a whole Nav2 parameter file, 'node: {ros__parameters: {...}}'"
 
@@ -42,7 +48,7 @@ class ParameterDocument:
     Attributes:
         values: Path to text, number, flag, list or nothing.
         places: Where a file has a path or a part of one; items of lists have their number for a name.
-        repeated: Paths that the file has more than once; the last value counts.
+        repeated: Paths that the file has more than once: of a parameter the last value counts, of a group all parameters.
         file: The file's name as the user gave it.
         robot: Namespace of the robot that counts.
         others: Nodes of other robots, which do not count, to their namespaces.
@@ -96,10 +102,10 @@ def nearest_of(path: ParameterLocation, groups: Mapping[ParameterLocation, objec
 
 
 def read_document(path: str | Path) -> ParameterDocument:
-    """Read a Nav2 parameter file; of several YAML documents in it the first.
+    """Read a Nav2 parameter file.
 
     Raises:
-        FileError: no such file, not YAML, not a mapping, no `ros__parameters`, values that are no parameters.
+        FileError: no such file, not YAML, several documents, not a mapping, no `ros__parameters`, values that are no parameters.
     """
     try:
         text = read_text(path, "a Nav2 parameter file")
@@ -117,6 +123,14 @@ def parse(text: str, file: str = "") -> ParameterDocument:
     if not isinstance(root, MappingNode):
         found = "got an empty file" if root is None or root.value == "" else "got no mapping"
         raise _error(file, place_of(root) if root else (1, 1), found)
+    with suppress(yaml.YAMLError):  # what follows the first document
+        events = (
+            event for event in yaml.parse(text, Loader=yaml.CSafeLoader) if isinstance(event, yaml.DocumentStartEvent)
+        )
+        if second := next(islice(events, 1, None), None):
+            raise _error(
+                file, place_of(second), "got a second YAML document", "one, as Nav2's launch files take no more"
+            )
     walk = _Walk(file)
     walk.nodes(root, ())
     if walk.faults:
@@ -128,6 +142,15 @@ def parse(text: str, file: str = "") -> ParameterDocument:
 
 def _error(file: str, place: TextPlace, problem: str, expected: str = WHOLE_FILE) -> FileError:
     return FileError([Fault(Place(file, *place, "file"), problem, expected)])
+
+
+def _unquoted(text: str) -> Value:
+    """Return a number or flag of ROS 2's parser; numbers that no double holds stay text, as there."""
+    if not _NUMBER.fullmatch(text):
+        return _FLAGS.get(text, text)
+    value = float(text)
+    is_lost = value in (0.0, math.inf, -math.inf) and re.match(r"[-+]?[0.]*[1-9]", text)
+    return text if is_lost else value
 
 
 class _Walk:
@@ -179,7 +202,12 @@ class _Walk:
     def _items(self, mapping: MappingNode, above: ParameterLocation) -> Iterator[tuple[ScalarNode, Node, bool]]:
         """Keys and values; those merged by `<<` come last and are marked."""
         sources: list[Node] = []
+        opened: set[str] = set()
         for key, value in mapping.value:
+            if isinstance(value, MappingNode) and isinstance(key, ScalarNode):
+                if key.value in opened:
+                    self.repeated.append((*above, *filter(None, key.value.split("." if PARAMETERS in above else "/"))))
+                opened.add(key.value)
             if key.tag == f"{TAG}merge":
                 sources += value.value if isinstance(value, SequenceNode) else [value]
             elif isinstance(key, ScalarNode) and key.value:
@@ -212,10 +240,12 @@ class _Walk:
             node = ScalarNode(plain.tag if plain else node.tag, text, node.start_mark, node.end_mark, node.style)
         kind, text = str(node.tag).removeprefix(TAG), str(node.value)
         if kind in ("str", "timestamp", "value", "merge"):
-            return float(text) if not node.style and EXPONENT.fullmatch(text) else text
+            return text if node.style else _unquoted(text)
         if kind in ("null", "bool", "int", "float"):
             try:
                 value: Value = getattr(_CONSTRUCTOR, f"construct_yaml_{kind}")(node)
+                if isinstance(value, int) and value.bit_length() > 63:
+                    return _unquoted(f"{value}e0")  # ROS 2 has no larger integers
                 if not (isinstance(value, float) and math.isnan(value)):
                     return value
             except (ConstructorError, ValueError, KeyError, IndexError, OverflowError):

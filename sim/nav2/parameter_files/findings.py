@@ -128,6 +128,8 @@ def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocatio
 
     if path in reader.held:
         return found("differs", f"runs at {reader.held[path]:g} Hz, in whole ticks of 50 ms", reader.held[path])
+    if path in reader.bounded and path in reader.asked:
+        return found("differs", f"{reader.bounded[path]:g} is used, where the modeled range ends", reader.bounded[path])
     if path in reader.asked and path not in reader.unmodeled:
         used = reader.asked[path]
         return found("modeled", used=list(used) if isinstance(used, tuple) else used)

@@ -1,6 +1,6 @@
 """Interpretation: the stack's parameters from a Nav2 parameter document, and the reverse."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -102,7 +102,9 @@ class Interpretation:
     left_away: tuple[str, ...]
 
 
-def interpretation(document: ParameterDocument, *, drawn: bool = False) -> Interpretation:
+def interpretation(
+    document: ParameterDocument, *, drawn: bool = False, varied: Collection[ParameterLocation] = ()
+) -> Interpretation:
     """Read a document into the stack's parameters.
 
     A parameter or a node that is left out is as in Nav2's code. Without the node `collision_monitor` there is none, as in
@@ -110,13 +112,13 @@ def interpretation(document: ParameterDocument, *, drawn: bool = False) -> Inter
     the commands. A document that names no controller has that of Nav2 Jazzy's default file, as Nav2 would not start.
 
     Args:
-        drawn: See `Reader`.
+        drawn, varied: See `Reader`.
 
     Raises:
         FileError: every fault of the document.
     """
     document = of_robot(document, document.values.get(NAMESPACE))
-    reader = Reader(document, drawn=drawn)
+    reader = Reader(document, drawn=drawn, varied=varied)
     if NAMESPACE in document.values:
         reader.plain(NAMESPACE, "")
     if reader.plain(RELEASE, RELEASES[0]) not in RELEASES:
@@ -197,9 +199,11 @@ def _check_mppi(reader: Reader, parts: Parts) -> None:
         path = next(path for path in reader.asked if path[-1] == "consider_footprint")
         what = "got true, and the local costmap has no polygon `footprint`"
         reader.fault(path, what, "false, as Nav2 does not start")
-    if 1.0 / rate_hz > controller.model_dt + 1e-6:
+    place = next(path for path in reader.asked if path[-1] == "model_dt")
+    step_s: Any = reader.document.values.get(place, controller.model_dt)
+    if 1.0 / rate_hz > step_s + 1e-6:
         path = next(path for path in reader.asked if path[-1] == "controller_frequency")
-        least_hz = f"{1.0 / controller.model_dt:g} or more for a model_dt of {controller.model_dt:g} s"
+        least_hz = f"{1.0 / step_s:g} or more for a model_dt of {step_s:g} s"
         reader.fault(path, f"got {rate_hz:g}", f"{least_hz}, as Nav2 does not start")
 
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Fault, Place
 from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaints, source_of
+from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaints, held, source_of
 from vastflow.sim.model.rates import held_hz
 from vastflow.sim.nav2.parameter_files.declared import Declared, declared_defaults
 from vastflow.sim.nav2.parameter_files.document import SUBSTITUTION, ParameterDocument, dotted
@@ -46,6 +46,7 @@ class Reader:
 
     Attributes:
         drawn: Whether plug-ins in files are taken without their parameters, so that nothing of them is executed.
+        varied: Paths whose numbers a campaign gives, which must be in the modeled range.
         asked: Paths of all parameters that are looked at, present or not, with the value that is taken.
         fields: Paths of those that are fields of a group, with the group's model and the field's name.
         kinds: Path of a group to what it is, for what of it is not asked for.
@@ -54,12 +55,16 @@ class Reader:
         omitted: Path of what the document leaves out to Nav2's declaration, and to the other value of Jazzy's file.
         warnings: Path to what a file has that Nav2 takes, and that hardly anybody means, and to what follows.
         held: Path of a rate that is no whole number of ticks, to the rate (Hz) that is taken.
+        bounded: Path of a number that Nav2 takes and that is out of the modeled range, to the bound that is taken.
         faults: Everything wrong.
     """
 
-    def __init__(self, document: ParameterDocument, *, drawn: bool = False) -> None:
+    def __init__(
+        self, document: ParameterDocument, *, drawn: bool = False, varied: Collection[ParameterLocation] = ()
+    ) -> None:
         self.document = document
         self.drawn = drawn
+        self.varied = varied
         self.asked: dict[ParameterLocation, Value] = {}
         self.fields: dict[ParameterLocation, tuple[type[BaseModel], str]] = {}
         self.kinds: dict[ParameterLocation, str] = {}
@@ -68,6 +73,7 @@ class Reader:
         self.omitted: dict[ParameterLocation, tuple[Declared, Value]] = {}
         self.warnings: dict[ParameterLocation, tuple[str, str]] = {}
         self.held: dict[ParameterLocation, float] = {}
+        self.bounded: dict[ParameterLocation, float] = {}
         self.faults: list[Fault] = []
 
     def fault(self, path: ParameterLocation, problem: str, expected: str) -> None:
@@ -119,6 +125,8 @@ class Reader:
                 if name in declared:
                     default = self.default_of(path, declared[name], default)
                 values[name] = self.document.values.get(path, default)
+                if kinds and path not in self.varied and (bound := held(field, values[name])) is not None:
+                    self.bounded[path] = values[name] = bound
                 paths[name] = path
                 self.fields[path] = model, name
         try:

@@ -8,7 +8,7 @@ from vastflow.sim.model.faults import Fault, Place
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files.costmaps import LAUNCH_WORDS
 from vastflow.sim.nav2.parameter_files.declared import declared_defaults
-from vastflow.sim.nav2.parameter_files.document import dotted, nearest_of
+from vastflow.sim.nav2.parameter_files.document import PARAMETERS, SUBSTITUTION, dotted, nearest_of, node_of
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation
 from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, class_name
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS
@@ -35,8 +35,10 @@ def refusals(found: Interpretation) -> Iterator[Fault]:
         kind = reader.kinds.get(group or (), "")
         declared = declared_defaults().get(group[-1] if group and kind.endswith(" critic") else kind, {})
         name = ".".join(path[len(group or ()) :])
-        is_known = name in declared and value is not None and value not in (*LAUNCH_WORDS,)
-        if is_known and (right := _right_type(value, declared[name].default)):
+        is_known = name in declared and value not in (*LAUNCH_WORDS,)
+        if right := _unread(value, "".join(node_of(path)[-2:-1]) if PARAMETERS in path else ""):
+            yield fault(path, f"got {shown(value)}", right)
+        elif is_known and (right := _right_type(value, declared[name].default)):
             yield fault(path, f"got {shown(value)}", f"{right}, as the node ends otherwise")
         kinds = _OF_SOURCES.get((reader.kinds.get(path[:-2], ""), path[-1]), (value,))
         if value not in kinds and path[-2] in reader.names((*path[:-2], "observation_sources")):
@@ -57,6 +59,15 @@ def refusals(found: Interpretation) -> Iterator[Fault]:
                 yield fault(plugin, "no controller_plugins names it", right)
 
 
+def _unread(value: Value, node: str) -> str:
+    """Return what a list must be that ROS 2 refuses or gives no type; empty for any other value."""
+    if not isinstance(value, Sequence) or isinstance(value, str) or SUBSTITUTION in str(value):
+        return ""
+    if len({str if item is None else type(item) for item in value}) > 1:
+        return "a list of one type, as no node reads the file otherwise"
+    return "" if value or node not in declared_defaults() else "items, or no such line, as the node ends otherwise"
+
+
 def _right_type(value: Value, default: Value) -> str:
     """Return what a value of another type than a parameter's must be; empty for one of its type."""
     if isinstance(default, list):
@@ -64,8 +75,8 @@ def _right_type(value: Value, default: Value) -> str:
         right = _right_type(items[0], default[0]) if items and default else ""
         mixed = next((wrong for item in items if default and (wrong := _right_type(item, default[0]))), right)
         return f"a list, each item {mixed}" if mixed else ""
-    if type(default) is type(value) or default is None:
-        return ""
+    if type(default) is type(value) or default is None or (value is None and isinstance(default, str)):
+        return ""  # nothing is the text `null`
     if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
         return f"a double, such as {float(value)}" if abs(value) < 2**63 else "a double"
     names = {bool: "true or false", int: "an integer", float: "a double", str: "text"}

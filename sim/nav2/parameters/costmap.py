@@ -15,8 +15,8 @@ class InflationLayer(ParameterGroup):
     """Inflation: radius in meters, scaling per meter."""
 
     enabled: bool = parameter(True)
-    inflation_radius: float = parameter(0.70, 0.0, 10.0)
-    cost_scaling_factor: float = parameter(3.0, 0.0, 1000.0)
+    inflation_radius: float = parameter(0.70, 0.0, 100.0, below=0.0)
+    cost_scaling_factor: float = parameter(3.0, 0.0, 1e6)
 
 
 class StaticLayer(ParameterGroup):
@@ -36,9 +36,9 @@ class ObstacleLayer(ParameterGroup):
     footprint_clearing_enabled: bool = parameter(True)
     marking: bool = parameter(True)
     clearing: bool = parameter(True)
-    obstacle_max_range: float = parameter(2.5, 0.0, 100.0)
-    obstacle_min_range: float = parameter(0.0, 0.0, 100.0)
-    raytrace_max_range: float = parameter(3.0, 0.0, 100.0)
+    obstacle_max_range: float = parameter(2.5, 0.0, 1000.0, mirrored=True, above=1000.0)
+    obstacle_min_range: float = parameter(0.0, 0.0, 1000.0, mirrored=True, above=1000.0)
+    raytrace_max_range: float = parameter(3.0, 0.0, 1000.0, below=0.0, above=1000.0)
     short_clearing_cells: int = derived(0)
 
 
@@ -96,14 +96,14 @@ class Costmap(ParameterGroup):
         footprint: The robot's polygon as Nav2's text, which then counts in place of `robot_radius`; `[]` for a disc.
     """
 
-    update_frequency: float = parameter(5.0, 0.05, 1000.0)
+    update_frequency: float = parameter(5.0, 0.05, 1000.0, least=0.0)
     publish_frequency: float = parameter(2.0, NEVER_HZ, 1000.0, below=NEVER_HZ)
-    width: int = parameter(3, 1, 100)
-    height: int = parameter(3, 1, 100)
-    resolution: float = parameter(0.05, 0.01, 1.0)
-    robot_radius: float = parameter(0.22, 0.01, 10.0)
+    width: int = parameter(3, 1, 100, least=1)
+    height: int = parameter(3, 1, 100, least=1)
+    resolution: float = parameter(0.05, 0.01, 1.0, least=1e-9)
+    robot_radius: float = parameter(0.22, 0.01, 10.0, mirrored=True)
     footprint: str = parameter("[]")
-    footprint_padding: float = parameter(0.01, 0.0, 10.0)
+    footprint_padding: float = parameter(0.01, -10.0, 10.0)
     track_unknown_space: bool = parameter(False)
     static_layer: StaticLayer = StaticLayer()
     obstacle_layer: ObstacleLayer = ObstacleLayer()

@@ -40,7 +40,7 @@ class AlignCritic(DwbCritic):
     """Distance (m) from a point in front of the robot to the local plan or its extended goal."""
 
     scale: float = parameter(32.0, 0.0, 1e6)
-    forward_point_distance: float = parameter(0.1, 0.0, 10.0)
+    forward_point_distance: float = parameter(0.1, -10.0, 10.0)
 
 
 class DistCritic(DwbCritic):
@@ -80,19 +80,19 @@ class DwbParameters(ParameterGroup):
     min_speed_xy: float = parameter(0.0, -100.0, 100.0)
     max_speed_xy: float = parameter(0.26, -100.0, 100.0)
     min_speed_theta: float = parameter(0.0, -100.0, 100.0)
-    acc_lim_x: float = parameter(2.5, 0.0, 100.0)
-    acc_lim_y: float = parameter(0.0, 0.0, 100.0)
-    acc_lim_theta: float = parameter(3.2, 0.0, 100.0)
-    decel_lim_x: float = parameter(-2.5, -100.0, 0.0)
-    decel_lim_y: float = parameter(0.0, -100.0, 0.0)
-    decel_lim_theta: float = parameter(-3.2, -100.0, 0.0)
+    acc_lim_x: float = parameter(2.5, -100.0, 100.0)
+    acc_lim_y: float = parameter(0.0, -100.0, 100.0)
+    acc_lim_theta: float = parameter(3.2, -100.0, 100.0)
+    decel_lim_x: float = parameter(-2.5, -100.0, 100.0)
+    decel_lim_y: float = parameter(0.0, -100.0, 100.0)
+    decel_lim_theta: float = parameter(-3.2, -100.0, 100.0)
     vx_samples: int = parameter(20, 0, 100)
     vy_samples: int = parameter(5, 0, 100)
     vtheta_samples: int = parameter(20, 0, 100)
-    sim_time: float = parameter(1.7, 0.05, 5.0)
-    linear_granularity: float = parameter(0.05, 0.01, 10.0)
-    angular_granularity: float = parameter(0.025, 0.01, 10.0)
-    xy_goal_tolerance: float = parameter(0.25, 0.0, 100.0)
+    sim_time: float = parameter(1.7, 0.05, 5.0, least=1e-9)
+    linear_granularity: float = parameter(0.05, 0.01, 10.0, least=1e-9)
+    angular_granularity: float = parameter(0.025, 0.01, 10.0, least=1e-9)
+    xy_goal_tolerance: float = parameter(0.25, 0.0, 100.0, mirrored=True)
     trans_stopped_velocity: float = parameter(0.25, 0.0, 10.0)
     prune_distance: float = parameter(2.0, 0.0, 100.0)
     forward_prune_distance: float = parameter(2.0, 0.0, 100.0, below=100.0)

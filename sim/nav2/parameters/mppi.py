@@ -1,8 +1,6 @@
 """Parameters of the MPPI controller (nav2_mppi_controller, Jazzy)."""
 
-from typing import Any, Final, Literal, TypeAlias
-
-from pydantic import ValidationInfo, field_validator
+from typing import Final, Literal, TypeAlias
 
 from vastflow.sim.model.parameter import ParameterGroup, parameter
 
@@ -24,7 +22,7 @@ class MppiCritic(ParameterGroup):
 class ConstraintParameters(MppiCritic):
     """Speed beyond the limits."""
 
-    cost_weight: float = parameter(4.0, 0.0, 1e6)
+    cost_weight: float = parameter(4.0, -1e6, 1e6)
 
 
 class CostParameters(MppiCritic):
@@ -33,12 +31,12 @@ class CostParameters(MppiCritic):
     With `consider_footprint` a point collides where the robot's outline does, and not where its center is inscribed.
     """
 
-    cost_weight: float = parameter(3.81, 0.0, 1e6)
+    cost_weight: float = parameter(3.81, -1e6, 1e6)
     near_collision_cost: int = parameter(253, 0, 255)
-    critical_cost: float = parameter(300.0, 0.0, 1e6)
-    collision_cost: float = parameter(1_000_000.0, 0.0, 1e12)
-    near_goal_distance: float = parameter(1.0, 0.0, 1e3)
-    trajectory_point_step: int = parameter(2, 1, 1000)
+    critical_cost: float = parameter(300.0, -1e6, 1e6)
+    collision_cost: float = parameter(1_000_000.0, -1e12, 1e12)
+    near_goal_distance: float = parameter(1.0, 0.0, 1e3, mirrored=True, above=1e3)
+    trajectory_point_step: int = parameter(2, 1, 1000, least=1)
     consider_footprint: bool = parameter(False)
 
 
@@ -48,11 +46,11 @@ class ObstaclesParameters(MppiCritic):
     Humble's critic in place of CostCritic. The inflation's two parameters are the critic's own there, and since then the layer's.
     """
 
-    repulsion_weight: float = parameter(1.5, 0.0, 1e6)
-    critical_weight: float = parameter(20.0, 0.0, 1e6)
-    collision_cost: float = parameter(100_000.0, 0.0, 1e12)
+    repulsion_weight: float = parameter(1.5, -1e6, 1e6)
+    critical_weight: float = parameter(20.0, -1e6, 1e6)
+    collision_cost: float = parameter(100_000.0, -1e12, 1e12)
     collision_margin_distance: float = parameter(0.1, 0.0, 1e3)
-    near_goal_distance: float = parameter(0.5, 0.0, 1e3)
+    near_goal_distance: float = parameter(0.5, 0.0, 1e3, mirrored=True, above=1e3)
     inflation_radius: float = parameter(0.55, 0.0, 100.0)
     cost_scaling_factor: float = parameter(10.0, 0.0, 1e3)
 
@@ -64,8 +62,8 @@ class ThresholdParameters(MppiCritic):
     driving backwards.
     """
 
-    cost_weight: float = parameter(5.0, 0.0, 1e6)
-    threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
+    cost_weight: float = parameter(5.0, -1e6, 1e6)
+    threshold_to_consider: float = parameter(0.5, 0.0, 1e3, mirrored=True, above=1e3)
 
 
 class PathAlignParameters(MppiCritic):
@@ -74,10 +72,10 @@ class PathAlignParameters(MppiCritic):
     With `use_path_orientations` 1 rad between their headings counts as 1 m.
     """
 
-    cost_weight: float = parameter(14.0, 0.0, 1e6)
+    cost_weight: float = parameter(14.0, -1e6, 1e6)
     max_path_occupancy_ratio: float = parameter(0.05, -1e6, 1e6)
-    trajectory_point_step: int = parameter(4, 1, 1000)
-    threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
+    trajectory_point_step: int = parameter(4, 1, 1000, least=1)
+    threshold_to_consider: float = parameter(0.5, 0.0, 1e3, mirrored=True, above=1e3)
     offset_from_furthest: int = parameter(20, 0, 1000)
     use_path_orientations: bool = parameter(False)
 
@@ -85,9 +83,9 @@ class PathAlignParameters(MppiCritic):
 class PathFollowParameters(MppiCritic):
     """Distance of the last point to the plan's point just beyond the reach of all trajectories."""
 
-    cost_weight: float = parameter(5.0, 0.0, 1e6)
+    cost_weight: float = parameter(5.0, -1e6, 1e6)
     offset_from_furthest: int = parameter(5, 0, 1000)
-    threshold_to_consider: float = parameter(1.4, 0.0, 1e3)
+    threshold_to_consider: float = parameter(1.4, 0.0, 1e3, mirrored=True, above=1e3)
 
 
 class PathAngleParameters(MppiCritic):
@@ -96,24 +94,24 @@ class PathAngleParameters(MppiCritic):
     `mode` 0 wants the front towards the point, 1 front or back, and 2 whichever the plan's heading there says.
     """
 
-    cost_weight: float = parameter(2.0, 0.0, 1e6)
+    cost_weight: float = parameter(2.0, -1e6, 1e6)
     offset_from_furthest: int = parameter(4, 0, 1000)
-    threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
-    max_angle_to_furthest: float = parameter(1.0, 0.0, 4.0)
-    mode: int = parameter(0, 0, 2)
+    threshold_to_consider: float = parameter(0.5, 0.0, 1e3, mirrored=True, above=1e3)
+    max_angle_to_furthest: float = parameter(1.0, -4.0, 4.0, below=-4.0, above=4.0)
+    mode: int = parameter(0, 0, 2, least=0, most=2)
 
 
 class TwirlingParameters(MppiCritic):
     """Turning, as long as the robot is farther from the goal than the goal checker allows."""
 
     cost_power: int = parameter(1, 1, 10)
-    cost_weight: float = parameter(10.0, 0.0, 1e6)
+    cost_weight: float = parameter(10.0, -1e6, 1e6)
 
 
 class VelocityDeadbandParameters(TwirlingParameters):
     """Speeds short of these: forward and to the left (m/s), and turning (rad/s)."""
 
-    cost_weight: float = parameter(35.0, 0.0, 1e6)
+    cost_weight: float = parameter(35.0, -1e6, 1e6)
     deadband_velocities: tuple[float, float, float] = parameter((0.0, 0.0, 0.0))
 
 
@@ -131,23 +129,23 @@ class MppiParameters(ParameterGroup):
     """
 
     motion_model: MotionModel = parameter("DiffDrive")
-    time_steps: int = parameter(56, 2, 1000)
-    model_dt: float = parameter(0.05, 0.05, 1.0)
-    batch_size: int = parameter(2000, 1, 100_000)
-    temperature: float = parameter(0.3, 1e-3, 1e6)
-    gamma: float = parameter(0.015, 0.0, 1e3)
+    time_steps: int = parameter(56, 2, 1000, least=1)
+    model_dt: float = parameter(0.05, 0.05, 1.0, least=1e-9)
+    batch_size: int = parameter(2000, 1, 100_000, least=1)
+    temperature: float = parameter(0.3, 1e-3, 1e6, least=1e-9)
+    gamma: float = parameter(0.015, -1e3, 1e3)
     vx_max: float = parameter(0.5, 0.0, 10.0)
     vx_min: float = parameter(-0.35, -10.0, 10.0)
     vy_max: float = parameter(0.5, 0.0, 10.0)
     wz_max: float = parameter(1.9, 0.0, 10.0)
-    ax_max: float = parameter(3.0, 0.0, 100.0)
-    ax_min: float = parameter(-3.0, -100.0, 0.0)
+    ax_max: float = parameter(3.0, 0.0, 100.0, mirrored=True)
+    ax_min: float = parameter(-3.0, -100.0, 0.0, mirrored=True)
     ay_max: float = parameter(3.0, 0.0, 100.0, needs=_OMNI)
-    ay_min: float = parameter(-3.0, -100.0, 0.0, needs=_OMNI)
+    ay_min: float = parameter(-3.0, -100.0, 0.0, mirrored=True, needs=_OMNI)
     az_max: float = parameter(3.5, 0.0, 100.0)
-    vx_std: float = parameter(0.2, 1e-3, 10.0)
-    vy_std: float = parameter(0.2, 1e-3, 10.0, needs=_OMNI)
-    wz_std: float = parameter(0.4, 1e-3, 10.0)
+    vx_std: float = parameter(0.2, 1e-3, 10.0, least=1e-9)
+    vy_std: float = parameter(0.2, 1e-3, 10.0, least=1e-9, needs=_OMNI)
+    wz_std: float = parameter(0.4, 1e-3, 10.0, least=1e-9)
     prune_distance: float = parameter(1.7, 0.0, 100.0)
     enforce_path_inversion: bool = parameter(False)
     inversion_xy_tolerance: float = parameter(0.2, 0.0, 100.0, needs=_INVERSIONS)
@@ -166,11 +164,3 @@ class MppiParameters(ParameterGroup):
     PreferForwardCritic: ThresholdParameters = ThresholdParameters()
     TwirlingCritic: TwirlingParameters = TwirlingParameters(enabled=False)
     VelocityDeadbandCritic: VelocityDeadbandParameters = VelocityDeadbandParameters(enabled=False)
-
-    @field_validator("ax_max", "ax_min", "ay_min", mode="before")
-    @classmethod
-    def _signed(cls, value: Any, info: ValidationInfo) -> Any:
-        """Mend the sign, as Nav2 does."""
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return value
-        return abs(value) if info.field_name == "ax_max" else -abs(value)

@@ -23,7 +23,7 @@ NO_LIMIT: Final = 1e6
 class NavFn(ParameterGroup):
     """NavfnPlanner; tolerance in meters."""
 
-    tolerance: float = parameter(0.5, 0.0, 100.0)
+    tolerance: float = parameter(0.5, 0.0, 100.0, below=0.0)
     allow_unknown: bool = parameter(True)
     use_astar: bool = parameter(False)
 
@@ -31,15 +31,15 @@ class NavFn(ParameterGroup):
 class PlannerServer(ParameterGroup):
     """planner_server: seconds that it waits for the update of a cleared costmap."""
 
-    costmap_update_timeout: float = parameter(1.0, -1e6, 1e6)
+    costmap_update_timeout: float = parameter(1.0, -1e6, NO_LIMIT, above=NO_LIMIT)
 
 
 class ControllerServer(ParameterGroup):
     """controller_server: Hz, seconds, and velocities below which odometry is read as standing."""
 
-    controller_frequency: float = parameter(20.0, 0.5, 1000.0)
-    costmap_update_timeout: float = parameter(0.3, -1e6, 1e6)
-    failure_tolerance: float = parameter(0.3, 0.0, NO_LIMIT, stands_for={-1.0: NO_LIMIT}, below=0.0)
+    controller_frequency: float = parameter(20.0, 0.5, 1000.0, least=1e-9)
+    costmap_update_timeout: float = parameter(0.3, -1e6, NO_LIMIT, above=NO_LIMIT)
+    failure_tolerance: float = parameter(0.3, 0.0, NO_LIMIT, stands_for={-1.0: NO_LIMIT}, below=0.0, above=NO_LIMIT)
     min_x_velocity_threshold: float = parameter(0.001, 0.0, 10.0, below=0.0)
     min_y_velocity_threshold: float = parameter(0.5, 0.0, 10.0, below=0.0)
     min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0, below=0.0)
@@ -53,18 +53,22 @@ class ProgressChecker(ParameterGroup):
     """PoseProgressChecker (m, rad, s); a SimpleProgressChecker has the angle `NO_ANGLE_RAD`."""
 
     required_movement_radius: float = parameter(0.5, -100.0, 100.0)
-    required_movement_angle: float = parameter(NO_ANGLE_RAD, -NO_ANGLE_RAD, NO_ANGLE_RAD)
-    movement_time_allowance: float = parameter(10.0, -1e6, 1e6)
+    required_movement_angle: float = parameter(NO_ANGLE_RAD, -NO_ANGLE_RAD, NO_ANGLE_RAD, above=NO_ANGLE_RAD)
+    movement_time_allowance: float = parameter(10.0, -1e6, NO_LIMIT, above=NO_LIMIT)
+
+
+NO_CHECKER: Final = -NO_LIMIT
+"""`xy_goal_tolerance` where Nav2 finds no checker, and each FollowPath ends before its first cycle."""
 
 
 class GoalChecker(ParameterGroup):
     """StoppedGoalChecker (m, rad, and per second); a SimpleGoalChecker has velocities of `NO_LIMIT`."""
 
-    xy_goal_tolerance: float = parameter(0.25, 0.0, 100.0)
+    xy_goal_tolerance: float = parameter(0.25, -100.0, 100.0)
     yaw_goal_tolerance: float = parameter(0.25, -1000.0, 1000.0)
     stateful: bool = parameter(True)
-    trans_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT)
-    rot_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT)
+    trans_stopped_velocity: float = parameter(NO_LIMIT, -NO_LIMIT, NO_LIMIT)
+    rot_stopped_velocity: float = parameter(NO_LIMIT, -NO_LIMIT, NO_LIMIT)
 
 
 class RotationShim(ParameterGroup):
@@ -76,12 +80,12 @@ class RotationShim(ParameterGroup):
     """
 
     enabled: bool = derived(False)
-    angular_dist_threshold: float = parameter(0.785, 0.0, 1000.0)
-    angular_disengage_threshold: float = parameter(0.785, 0.0, 1000.0)
-    forward_sampling_distance: float = parameter(0.5, 0.0, 100.0)
-    rotate_to_heading_angular_vel: float = parameter(1.8, 0.0, 10.0)
-    max_angular_accel: float = parameter(3.2, 0.01, 100.0)
-    simulate_ahead_time: float = parameter(1.0, 0.0, 100.0)
+    angular_dist_threshold: float = parameter(0.785, -1000.0, 1000.0)
+    angular_disengage_threshold: float = parameter(0.785, -1000.0, 1000.0)
+    forward_sampling_distance: float = parameter(0.5, 0.0, 100.0, below=0.0)
+    rotate_to_heading_angular_vel: float = parameter(1.8, -100.0, 100.0)
+    max_angular_accel: float = parameter(3.2, 0.0, 100.0)
+    simulate_ahead_time: float = parameter(1.0, 0.0, 100.0, below=0.0)
     rotate_to_heading_once: bool = parameter(False)
     use_path_orientations: bool = parameter(False)
     rotate_to_goal_heading: bool = parameter(False)
@@ -91,7 +95,7 @@ class RotationShim(ParameterGroup):
 class BehaviorServer(ParameterGroup):
     """behavior_server: seconds, rad/s, rad/s²."""
 
-    simulate_ahead_time: float = parameter(2.0, 0.0, 100.0)
+    simulate_ahead_time: float = parameter(2.0, 0.0, 100.0, below=0.0)
     max_rotational_vel: float = parameter(1.0, 0.01, 100.0)
     min_rotational_vel: float = parameter(0.4, 0.0, 100.0)
     rotational_acc_lim: float = parameter(3.2, 0.01, 100.0)
@@ -101,7 +105,7 @@ class WaypointFollower(ParameterGroup):
     """waypoint_follower with its WaitAtWaypoint task; the pause is in milliseconds."""
 
     stop_on_failure: bool = parameter(False)
-    waypoint_pause_duration: int = parameter(200, 0, 10_000_000, below=0)
+    waypoint_pause_duration: int = parameter(200, 0, 10_000_000, below=0, above=10_000_000)
 
 
 class VelocitySmoother(ParameterGroup):
@@ -118,7 +122,7 @@ class VelocitySmoother(ParameterGroup):
     min_velocity: tuple[Backward, Backward, Backward] = parameter((-0.5, 0.0, -2.0))
     max_accel: tuple[Acceleration, Acceleration, Acceleration] = parameter((2.5, 0.0, 3.2))
     max_decel: tuple[Deceleration, Deceleration, Deceleration] = parameter((-2.5, 0.0, -3.2))
-    velocity_timeout: float = parameter(1.0, -1e6, 1e6)
+    velocity_timeout: float = parameter(1.0, -1e6, NO_LIMIT, above=NO_LIMIT)
 
 
 class MonitorZone(ParameterGroup):
@@ -131,12 +135,12 @@ class MonitorZone(ParameterGroup):
     action: Literal["stop", "slowdown", "limit", "approach"] = derived("stop")
     vertices: Vertices = derived(())
     radius: float = parameter(0.0, 0.0, 100.0)
-    min_points: int = parameter(4, 1, 100_000)
-    slowdown_ratio: float = parameter(0.5, 0.0, 1.0)
-    linear_limit: float = parameter(0.5, 0.0, 100.0)
-    angular_limit: float = parameter(0.5, 0.0, 100.0)
-    time_before_collision: float = parameter(2.0, 0.0, 100.0)
-    simulation_time_step: float = parameter(0.1, 0.001, 10.0)
+    min_points: int = parameter(4, 0, 100_000, below=0)
+    slowdown_ratio: float = parameter(0.5, 0.0, 1.0, above=1.0)
+    linear_limit: float = parameter(0.5, 0.0, 100.0, below=0.0, above=100.0)
+    angular_limit: float = parameter(0.5, 0.0, 100.0, below=0.0, above=100.0)
+    time_before_collision: float = parameter(2.0, 0.0, 100.0, below=0.0)
+    simulation_time_step: float = parameter(0.1, 0.001, 10.0, least=1e-9)
 
 
 class CollisionMonitor(ParameterGroup):
@@ -149,9 +153,9 @@ class CollisionMonitor(ParameterGroup):
     """
 
     enabled: bool = parameter(True)
-    time_before_collision: float = parameter(1.2, 0.0, 100.0)
-    simulation_time_step: float = parameter(0.1, 0.001, 10.0)
-    min_points: int = parameter(6, 1, 100_000)
+    time_before_collision: float = parameter(1.2, 0.0, 100.0, below=0.0)
+    simulation_time_step: float = parameter(0.1, 0.001, 10.0, least=1e-9)
+    min_points: int = parameter(6, 0, 100_000, below=0)
     source_timeout: float = parameter(1.0, 0.0, 1e6)
     zones: tuple[MonitorZone, ...] = derived(())
 
@@ -177,18 +181,18 @@ class SmootherParameters(ParameterGroup):
         w_data, w_smooth: How far a point goes in a pass toward where it was, and toward the middle of its neighbors.
     """
 
-    tolerance: float = parameter(1e-10, 0.0, 1.0)
-    max_iterations: int = parameter(1000, 0, 1_000_000)
-    w_data: float = parameter(0.2, 0.0, 1.0)
-    w_smooth: float = parameter(0.3, 0.0, 1.0)
+    tolerance: float = parameter(1e-10, 0.0, 1.0, below=0.0)
+    max_iterations: int = parameter(1000, 0, 1_000_000, below=0)
+    w_data: float = parameter(0.2, -10.0, 10.0)
+    w_smooth: float = parameter(0.3, -10.0, 10.0)
     do_refinement: bool = parameter(True)
-    refinement_num: int = parameter(2, 0, 100)
+    refinement_num: int = parameter(2, 0, 100, below=0)
 
 
 class SmacPlanner2D(ParameterGroup):
     """SmacPlanner2D: the tolerance in meters; iterations of 0 and less are without end, as in Nav2."""
 
-    tolerance: float = parameter(0.125, 0.0, 100.0)
+    tolerance: float = parameter(0.125, 0.0, 100.0, below=0.0)
     allow_unknown: bool = parameter(True)
     max_iterations: int = parameter(1_000_000, -1, 1_000_000_000, below=-1)
     max_on_approach_iterations: int = parameter(1000, -1, 1_000_000_000, below=-1)
@@ -203,23 +207,23 @@ class SmacPlannerHybrid(ParameterGroup):
         lookup_table_size: Edge of the window round the goal in which the distance heuristic counts.
     """
 
-    tolerance: float = parameter(0.25, 0.0, 100.0)
+    tolerance: float = parameter(0.25, 0.0, 100.0, below=0.0)
     allow_unknown: bool = parameter(True)
     max_iterations: int = parameter(1_000_000, -1, 1_000_000_000, below=-1)
     max_on_approach_iterations: int = parameter(1000, -1, 1_000_000_000, below=-1)
     smooth_path: bool = parameter(True)
     motion_model_for_search: Literal["DUBIN", "REEDS_SHEPP"] = parameter("DUBIN")
     angle_quantization_bins: int = parameter(72, 4, 720)
-    minimum_turning_radius: float = parameter(0.4, 0.0, 100.0)
+    minimum_turning_radius: float = parameter(0.4, 0.0, 100.0, below=0.0)
     allow_primitive_interpolation: bool = parameter(False)
-    reverse_penalty: float = parameter(2.0, 1.0, 1000.0)
-    change_penalty: float = parameter(0.0, 0.0, 1000.0)
-    non_straight_penalty: float = parameter(1.2, 1.0, 1000.0)
+    reverse_penalty: float = parameter(2.0, 0.0, 1000.0)
+    change_penalty: float = parameter(0.0, -1000.0, 1000.0)
+    non_straight_penalty: float = parameter(1.2, 0.0, 1000.0)
     cost_penalty: float = parameter(2.0, 0.0, 1000.0)
-    retrospective_penalty: float = parameter(0.015, 0.0, 0.5)
+    retrospective_penalty: float = parameter(0.015, -10.0, 1.0)
     analytic_expansion_ratio: float = parameter(3.5, 0.1, 1000.0)
-    analytic_expansion_max_length: float = parameter(3.0, 0.0, 1000.0)
-    analytic_expansion_max_cost: float = parameter(200.0, 0.0, 255.0)
+    analytic_expansion_max_length: float = parameter(3.0, 0.0, 1000.0, below=0.0)
+    analytic_expansion_max_cost: float = parameter(200.0, -1.0, 255.0, below=-1.0, above=255.0)
     analytic_expansion_max_cost_override: bool = parameter(False)
     use_quadratic_cost_penalty: bool = parameter(False)
     downsample_obstacle_heuristic: bool = parameter(True)
