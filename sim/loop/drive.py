@@ -1,4 +1,4 @@
-"""A mission without a scenario, and the recording of a closed loop."""
+"""A closed loop that is watched, and its recording."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,18 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.loop.simulation import told
-from vastflow.sim.loop.standstill import STANDSTILL_M, standstill
-from vastflow.sim.loop.standstill import told as standstill_told
-from vastflow.sim.model.obstacle import Obstacle
-from vastflow.sim.model.pose import GridFrame, Pose
+from vastflow.sim.loop.standstill import STANDSTILL_M, standstill, told
+from vastflow.sim.model.pose import GridFrame
 from vastflow.sim.model.recording import Columns, Entity, Event, Outcome, Recording, Run
-from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator import state
-from vastflow.sim.nav2.navigator.prepared import PreparedMap
 from vastflow.sim.nav2.navigator.state import Stack, columns_of
-from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.world.robot_model import Lidar, Robot
 
 Watch: TypeAlias = Callable[[Stack, int], None]
 
@@ -32,38 +25,6 @@ class Ending:
     outcome: Outcome
     reason: str = ""
     error_code: int = 0
-
-
-def drive(
-    prepared: PreparedMap,
-    parameters: NavParameters,
-    lidar: Lidar,
-    robot: Robot,
-    start: Pose,
-    mission: Mission,
-    obstacles: tuple[Obstacle, ...],
-    entropy: Sequence[int],
-    timeout_s: float,
-    watch: Watch | None = None,
-    watch_ticks: Sequence[int] = (),
-) -> Recording:
-    """Drive one mission to its end without a scenario, for benchmarks and proofs.
-
-    Args:
-        entropy, timeout_s: See `ClosedLoop`.
-        watch, watch_ticks: See `vastflow.sim.run.run`.
-    """
-    loop = ClosedLoop(prepared, parameters, lidar, robot, start, obstacles, entropy, timeout_s)
-    loop.localize(start)
-    loop.navigate(mission)
-    Watched(loop, watch, watch_ticks).advance(loop.last_tick)
-    if loop.status == state.RUNNING:
-        ending = Ending("timed_out", "the mission did not end within its time")
-    elif loop.status == state.SUCCEEDED:
-        ending = Ending("succeeded")
-    else:
-        ending = Ending("aborted", told(loop), loop.error_code)
-    return recording_of(loop, entropy, ending)
 
 
 class Watched:
@@ -107,7 +68,7 @@ def recording_of(
     reasons = [ending.reason] if ending.reason else []
     if loop.sent_s is not None and float(m["distance"]) < STANDSTILL_M and ending.outcome != "succeeded":
         events.append(standstill(columns, events, loop.sent_s))
-        reasons.append(standstill_told(events[-1]))
+        reasons.append(told(events[-1]))
     if contacts := [event for event in loop.events if event.kind == "contact"]:
         first = f"with {contacts[0].what} at {contacts[0].t_s:.1f} s"
         reasons.append(f"a contact {first}" if len(contacts) == 1 else f"{len(contacts)} contacts, the first {first}")

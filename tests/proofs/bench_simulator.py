@@ -15,11 +15,11 @@ from typing import Any, Final
 
 import numpy as np
 from bench_show import loop_s, shown
+from driving import drive
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.scenario import Mission

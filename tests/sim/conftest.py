@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from driving import drive
 from outside import paper_map
 from PIL import Image
 
-from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Recording

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 from amcl_filter import Filter
+from driving import drive
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator.prepared import prepare

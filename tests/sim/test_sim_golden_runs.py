@@ -16,10 +16,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pytest
+from driving import drive
 from packaging.requirements import Requirement
 from table import each_row
 
-from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Recording

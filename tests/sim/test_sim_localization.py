@@ -4,9 +4,9 @@ import functools
 
 import numpy as np
 from bench_simulator import benchmark_routes
+from driving import drive
 from table import each_row
 
-from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.recording import si
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameters.servers import Perturbation

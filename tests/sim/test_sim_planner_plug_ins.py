@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from driving import drive
 from table import each_row
 
-from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
