@@ -1,4 +1,4 @@
-"""What a campaign's containers need, read from the keys of its `execution`: resources, variables, and nodes."""
+"""Needs of a campaign's containers, read from the keys of its `execution`: resources, variables, and nodes."""
 
 import math
 import re
@@ -85,7 +85,7 @@ class Needs:
 
 @dataclass(frozen=True, slots=True)
 class Containers:
-    """What the containers of a campaign, or of each of its workers, need.
+    """Needs of a campaign's containers, or of those of its workers.
 
     Attributes:
         name: Campaign as a DNS label.

@@ -1,4 +1,4 @@
-"""A campaign whose `execution` can be chosen, and what its containers need."""
+"""A campaign whose `execution` can be chosen, and the needs of its containers."""
 
 import shutil
 from collections.abc import Callable
@@ -52,7 +52,7 @@ def campaign_file(tmp_path: Path) -> Callable[[str], Path]:
 
 @pytest.fixture
 def described(campaign_file) -> Callable[..., Containers]:
-    """What the containers of a campaign with these lines below `execution:` need, by default with every key there is."""
+    """Read the needs of a campaign with these lines below `execution:`, by default with every key there is."""
 
     def containers(execution: str = FULL, context: str | None = None) -> Containers:
         return containers_of(load_campaign(campaign_file(execution)), "Two_rooms", context)

@@ -1,4 +1,4 @@
-"""What containers need by a campaign's `execution`, and amounts of memory in the units of Kubernetes."""
+"""Needs of containers by a campaign's `execution`, and amounts of memory in the units of Kubernetes."""
 
 import re
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.loop.drive import Ending, recording_of
+from vastflow.sim.loop.drive import Ending, Watch, Watched, recording_of
 from vastflow.sim.loop.simulation import told
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
@@ -25,12 +25,14 @@ def drive(
     obstacles: tuple[Obstacle, ...],
     entropy: Sequence[int],
     timeout_s: float,
+    watch: Watch | None = None,
+    watch_ticks: Sequence[int] = (),
 ) -> Recording:
-    """Drive one mission to its end; `entropy` and `timeout_s` as `ClosedLoop` has them."""
+    """Drive one mission to its end; for the arguments see `ClosedLoop` and `vastflow.sim.run.run`."""
     loop = ClosedLoop(prepared, parameters, lidar, robot, start, obstacles, entropy, timeout_s)
     loop.localize(start)
     loop.navigate(mission)
-    loop.advance(loop.last_tick)
+    Watched(loop, watch, watch_ticks).advance(loop.last_tick)
     if loop.status == state.RUNNING:
         ending = Ending("timed_out", "the mission did not end within its time")
     elif loop.status == state.SUCCEEDED:
