@@ -53,7 +53,7 @@ from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.reading.abstract import hall_file
 from vastflow.sim.reading.robot import robot_facts, robot_of, robot_summary, robot_words
-from vastflow.sim.world.map_file import MissingMap
+from vastflow.sim.world.map_file import MissingMap, free_unknown_cells
 
 OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")
 
@@ -236,7 +236,11 @@ class FamilyReader:
             return None
         if value not in self._maps:
             try:
-                self._maps[value] = self._search.content(value)
+                self._maps[value] = found = self._search.content(value)
+                if location[-1] == MAP_KEY and (n := free_unknown_cells(Path(found.path))):
+                    what = f"cells of the gray of unknown ones, 205, are free, as for map_server: {n:,}"
+                    right = "with free_thresh: 0.196 they are unknown, and no path leads there"
+                    self.notes.append(self._document.note("warning", location, what, right))
             except ValueError as error:  # MapError; ValueError for a NUL in the path
                 what, right = parted(str(error))
                 fault = self._document.fault(location, what, right or "a map_server YAML file and its picture")

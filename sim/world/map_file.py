@@ -37,6 +37,8 @@ FARTHEST_M: Final = 1e7
 _PNM_HEADER_BYTES: Final = 4096
 
 MODES: Final = ("trinary", "scale", "raw")
+UNKNOWN_GRAY: Final = 205
+"""Gray as which map_saver draws unknown cells."""
 
 QUARTER_TURN_ROUNDING_RAD: Final = 1e-5
 """Tolerance of a quarter turn, such as 1.5708."""
@@ -68,18 +70,33 @@ def load_map(path: str | Path, within: Path | None = None) -> OccupancyMap:
     _check_within(path, path.parent / str(header["image"]), within)
     right = f"meters per cell, greater than 0: {LEAST_CELL_M:g} to {LARGEST_CELL_M:g}"
     resolution_m = _number(header, "resolution", path, (LEAST_CELL_M, LARGEST_CELL_M), right)
+    x_m, y_m, yaw_rad = _origin(header, path)
+    _, cells = _gray_and_cells(path, header)
+    return _placed(cells[::-1], resolution_m, (x_m, y_m), yaw_rad)
+
+
+def free_unknown_cells(path: Path) -> int:
+    """Return how many cells have the gray as which map_saver draws unknown ones, where the map's thresholds make them free.
+
+    Raises:
+        MapError: a map that `load_map` refuses as well.
+    """
+    gray, cells = _gray_and_cells(path, _header(path))
+    return int(np.count_nonzero((gray == UNKNOWN_GRAY) & (cells == FREE)))
+
+
+def _gray_and_cells(path: Path, header: Mapping[str, Any]) -> tuple[NDArray[np.uint8], NDArray[np.int8]]:
+    """Return the picture (H, W) of a map and what its thresholds make of it, the uppermost row first."""
     # map_server accepts a threshold of 65 as well, above which nothing is a wall.
     occupied_threshold = _number(header, "occupied_thresh", path, (0.0, 1.0), "a share of black, 0 to 1", 0.65)
     free_threshold = _number(header, "free_thresh", path, (0.0, 1.0), "a share of black, 0 to 1", 0.25)
     mode = str(header.get("mode", "trinary"))
     if mode.lower() not in MODES:
         raise MapError(f"{path}: mode: expected trinary, scale or raw, got {mode!r}")
-    x_m, y_m, yaw_rad = _origin(header, path)
     gray, opaque = _picture(path, str(header["image"]))
     if (negate := header.get("negate", 0)) not in (0, 1):
         raise MapError(f"{path}: negate: expected 0 or 1, got {negate!r}")
-    cells = _occupancy(gray, opaque, mode.lower(), bool(negate), occupied_threshold, free_threshold)
-    return _placed(cells[::-1], resolution_m, (x_m, y_m), yaw_rad)
+    return gray, _occupancy(gray, opaque, mode.lower(), bool(negate), occupied_threshold, free_threshold)
 
 
 def map_content(path: str | Path, within: Path | None = None) -> FileContent:

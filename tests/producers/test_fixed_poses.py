@@ -40,6 +40,19 @@ def faults_of(file):
     return []
 
 
+def test_map_whose_unknown_cells_are_free_is_noted_once(family):
+    file = family(START, THERE, floor="?")
+    assert load_campaign(file).notes == ()
+    drawn = Path(re.search(r"map_file: (.+)", file.read_text())[1])
+    drawn.write_text(drawn.read_text().replace("free_thresh: 0.196", "free_thresh: 0.25"))
+    (note,) = load_campaign(file).notes
+    assert (note.place.line, note.kind) == (5, "warning")
+    assert str(note).endswith(
+        ".map_file: cells of the gray of unknown ones, 205, are free, as for map_server: 6,200; "
+        "with free_thresh: 0.196 they are unknown, and no path leads there"
+    )
+
+
 @each_row(
     ("parameters", "expected"),
     [

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from table import each_row
 
-from vastflow.sim.world.map_file import MapError, load_map, map_content
+from vastflow.sim.world.map_file import MapError, free_unknown_cells, load_map, map_content
 
 HEADER = {
     "image": "map.pgm",
@@ -55,6 +55,20 @@ def test_map_origin_is_corner_of_first_cell(write):
 
 def test_thresholds_default_to_those_of_map_server(write):
     assert cells(write([[205, 89, 90]], free_thresh=None, occupied_thresh=None)) == [[0, 100, -1]]
+
+
+@each_row(
+    ("changes", "expected"),
+    [
+        ({"free_thresh": 0.25}, 2),
+        ({"free_thresh": 0.25, "mode": "scale"}, 2),
+        ({}, 0),  # 0.196, below 1 - 205 / 255
+        ({"free_thresh": 0.25, "mode": "raw"}, 0),
+        ({"free_thresh": 0.25, "negate": 1}, 0),  # a wall
+    ],
+)
+def test_free_unknown_cells_are_those_of_their_gray(write, changes, expected):
+    assert free_unknown_cells(write([[0, 205, 254], [205, 204, 254]], **changes)) == expected
 
 
 def by_map_server(gray, mode, negate, free_thresh, occupied_thresh):
