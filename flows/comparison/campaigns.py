@@ -318,6 +318,12 @@ def compared(
 
 
 def _why(pairing: Pairing) -> str:
+    if not pairing.matches and pairing.ambiguous:
+        return (
+            f"{len(pairing.ambiguous)} configurations of B, such as {pairing.ambiguous[0]}, have several counterparts in A or share "
+            "one; expected the names of A, which a value under `parameters` keeps and a new variation does not. The report of one "
+            "campaign compares the levels of a variation"
+        )
     if not pairing.matches:
         return "no configuration of one has the environment, task, and scenario of one of the other"
     if not pairing.oracles:
