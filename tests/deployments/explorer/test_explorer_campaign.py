@@ -74,6 +74,15 @@ def test_campaign_page_opens_with_findings_classes_report_and_file(client, campa
     assert report.headers["content-security-policy"].startswith("sandbox; default-src 'none'; ")
 
 
+@pytest.mark.parametrize(("many", "folded"), [(4, ""), (7, "<summary>3 more</summary><ul><li>finding 4</li>")])
+def test_campaign_page_folds_findings_beyond_the_first_four(client, campaign, many, folded):
+    c, directory = campaign
+    (directory / "evidence.json").write_text(json.dumps({"findings": [f"finding {k}" for k in range(many)]}))
+    page = client.get("/campaign", params={"c": c}).text
+    assert page.count("<li>finding ") == many
+    assert folded in page and (" more</summary>" in page) == bool(folded)
+
+
 @each_row(
     "content",
     [
