@@ -30,6 +30,11 @@ from chromium import chromium, opened  # type: ignore[import-not-found]
 WIDTH, HEIGHT = 1400, 900
 COLORS: Final = 128
 FILM_WIDTH: Final = 900
+COMPLETE: Final = """document.readyState === "complete" && location.href !== "about:blank"
+    && (document.querySelector("[data-action=execute]")?.hidden ?? true)
+    && (document.documentElement.dataset.shown || !document.querySelector('[src$="/campaign.js"], [src$="/configuration.js"]'))
+"""
+"""Whether a page has all that it asks the server for: a run its layers, other pages their views."""
 FILM: Final = range(30)
 """Seconds of the filmed run, a picture each."""
 
@@ -54,9 +59,14 @@ def served(roots: list[Path]) -> Iterator[tuple[str, Directories]]:
 
 
 def picture(browser: Any, address: str, wait_s: float) -> Image.Image:
-    """Open an address and return what it shows some seconds later; complaints of the page are errors."""
+    """Open an address and return what it shows when it is complete; complaints of the page are errors."""
+    browser.ask("Page.navigate", url="about:blank")
     browser.ask("Page.navigate", url=address)
-    time.sleep(wait_s)
+    until = time.monotonic() + wait_s
+    while not browser.value(COMPLETE):
+        assert time.monotonic() < until, f"{address} was not complete within {wait_s:g} s"
+        time.sleep(0.1)
+    time.sleep(0.5)  # to be painted
     assert not browser.complaints, browser.complaints
     return Image.open(io.BytesIO(base64.b64decode(browser.ask("Page.captureScreenshot", format="png")["data"])))
 
@@ -75,7 +85,7 @@ def main() -> None:
     parser.add_argument("configuration")
     parser.add_argument("run", type=int)
     parser.add_argument("--to", type=Path, default=Path("docs/images"))
-    parser.add_argument("--wait", type=float, default=6.0, help="seconds that a page has to be complete")
+    parser.add_argument("--wait", type=float, default=120.0, help="seconds in which a page must be complete")
     asked = parser.parse_args()
     asked.to.mkdir(parents=True, exist_ok=True)
     with (
@@ -97,13 +107,12 @@ def main() -> None:
         }
         browser.ask("Emulation.setDeviceMetricsOverride", width=WIDTH, height=HEIGHT, deviceScaleFactor=1, mobile=False)
         browser.ask("Page.navigate", url=f"{root}/?token=pictures")
-        time.sleep(asked.wait)
+        time.sleep(2)
         for name, address in views.items():
-            picture(browser, root + address, asked.wait)  # layers are executed once, and kept
             save(picture(browser, root + address, asked.wait), asked.to / f"explorer-{name}.png")
         frames: list[Image.Image] = []
         for t_s in FILM:
-            image = picture(browser, f"{root}/run?{urlencode({**run, 't': t_s})}", asked.wait if not frames else 1.5)
+            image = picture(browser, f"{root}/run?{urlencode({**run, 't': t_s})}", asked.wait)
             frames.append(image.convert("RGB").resize((FILM_WIDTH, HEIGHT * FILM_WIDTH // WIDTH)))
         film = asked.to / "explorer.webp"
         frames[0].save(film, save_all=True, append_images=frames[1:], duration=250, loop=0, quality=60, method=6)
