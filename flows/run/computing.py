@@ -132,4 +132,4 @@ def _cluster(address: str, store: Store, local: Executor, tally: Tally, log: Pat
         from vastflow.tasks.engine.dask_cluster import DaskCluster
     except ImportError as error:
         raise UserError(f"--cluster: needs Dask ({error}); pip install 'vastflow[dask]'") from None
-    return DaskCluster(address, store, local, tally.notice, log)
+    return DaskCluster(address, store, local, tally, log)

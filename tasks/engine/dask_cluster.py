@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 from urllib.request import urlopen
@@ -30,6 +30,7 @@ from vastflow.tasks.engine.bundle import Bundle, Packer
 from vastflow.tasks.engine.dask_client import call_workers, pickled_error, plain_client
 from vastflow.tasks.engine.dask_worker import Answer, Message, OtherCode, identity, read_answer, run_unit, shared_value
 from vastflow.tasks.engine.executor import ClusterError, Executor, PoolClosed, Priority, Shared, WorkerDied, end
+from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.store.store import Store, StoreError, store_address
 
 LOCAL: Final = "local:"
@@ -66,21 +67,17 @@ class DaskCluster:
         address: `tcp://…`, `tls://…`, a scheduler file, or `local:N`.
         store: The store that the workers share.
         local: Evaluates producers.
-        notice: Is given lines for the user.
+        tally: Is given lines for the user, and the CPU time of workers that are no processes below this one.
         log: File that takes what workers of `local:N` print.
     """
 
-    elsewhere = True
-
-    def __init__(
-        self, address: str, store: Store, local: Executor, notice: Callable[[str], None], log: Path | None = None
-    ) -> None:
+    def __init__(self, address: str, store: Store, local: Executor, tally: Tally, log: Path | None = None) -> None:
         self.closed = False
         self._address = address
         self._place = store.place if store_address(store.place) else os.path.abspath(store.place)
         self._packer = Packer(store)
         self._local = local
-        self._notice = notice
+        self._notice, self._spend = tally.notice, tally.spend
         self._log = log
         self._lock = threading.RLock()
         self._client: Any = None
@@ -396,6 +393,8 @@ class DaskCluster:
             except (ValueError, TypeError, LookupError) as wrong:
                 said = " ".join(str(wrong).split())[:200]
                 error = RuntimeError(f"a worker answered something else than this vastflow does ({said})")
+        if self._server is None:  # else its workers are processes below this one
+            self._spend(answer.cpu_s)
         with self._lock:
             if job.number not in self._open:
                 return
@@ -421,10 +420,7 @@ class DaskCluster:
                     self._send(self._suspects[0])
         if answer.unusable is not None:
             error = StoreError(answer.unusable)
-        executed = answer.executed
-        if executed is not None and self._server is not None:  # whose workers are processes below this one
-            executed = replace(executed, cpu_s=0.0)
-        end(job.outcome, error, executed or answer.broken or answer.value)
+        end(job.outcome, error, answer.executed or answer.broken or answer.value)
 
     def _lost(self, client: Any) -> None:
         """Reconnect to the scheduler or its successor at the same address, whose state is lost."""

@@ -12,7 +12,7 @@ import pickle
 import platform
 import sys
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -71,6 +71,7 @@ class Answer:
     Attributes:
         unusable: Why the store, or a folder, can't be used.
         value: The result if it is neither `Executed` nor `Broken`.
+        cpu_s: CPU time of the unit and what it waited for here, such as kernels; with threads, of all in the process.
     """
 
     executed: Executed | None = None
@@ -78,6 +79,7 @@ class Answer:
     other: OtherCode | None = None
     unusable: str | None = None
     value: Any = None
+    cpu_s: float = 0.0
 
 
 _ANSWERS: Final = TypeAdapter(Answer)
@@ -137,7 +139,8 @@ def shared_value(place: str, sha256: str) -> Any:
 
 def run_unit(message: bytes) -> bytes:
     """Run a unit on a worker, and return its `Answer`."""
-    return write_answer(_answer(message))
+    before_s = sum(os.times()[:4])
+    return write_answer(replace(_answer(message), cpu_s=sum(os.times()[:4]) - before_s))
 
 
 def _answer(message: bytes) -> Answer:

@@ -312,7 +312,7 @@ class Engine:
     def _count(self, configuration: ConfigurationRuns, done: "Future[Any]") -> None:
         if done.cancelled() or done.exception() is not None or not isinstance(answer := done.result(), Executed):
             return
-        self._tally.execute(configuration.name, answer.simulated_s, answer.cpu_s * self._executor.elsewhere)
+        self._tally.execute(configuration.name, answer.simulated_s)
         self._feeder.took(configuration.family, len(answer.simulated_s), answer.took_s)
         self.index.store.learn(answer.artifacts)
         self._made.update(artifact.key for artifact in answer.artifacts)

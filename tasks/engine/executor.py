@@ -36,13 +36,7 @@ class ClusterError(RuntimeError):
 
 
 class Executor(Protocol):
-    """Runs units, survives the death of workers, and returns futures of `concurrent.futures`.
-
-    Attributes:
-        elsewhere: Whether units run in processes that are not below this one.
-    """
-
-    elsewhere: bool
+    """Runs units, survives the death of workers, and returns futures of `concurrent.futures`."""
 
     @property
     def workers(self) -> int:

@@ -102,8 +102,6 @@ class Pool:
         log: File that takes what workers print.
     """
 
-    elsewhere = False
-
     def __init__(self, workers: int, log: Path | None = None) -> None:
         self.workers = workers
         self.closed = False

@@ -124,6 +124,11 @@ class Tally:
             self._notices = (*self._notices, line)
             self._changed("notice", text=line)
 
+    def spend(self, cpu_s: float) -> None:
+        """Count CPU time of another machine."""
+        with self._lock:
+            self.elsewhere_cpu_s += cpu_s
+
     def begin(self, phase: Phase) -> None:
         """Enter a phase."""
         with self._lock:
@@ -175,10 +180,9 @@ class Tally:
                 of.reused |= new
                 self._reused += new.bit_count()
 
-    def execute(self, configuration: str, simulated_s: Mapping[int, float], elsewhere_cpu_s: float = 0.0) -> None:
+    def execute(self, configuration: str, simulated_s: Mapping[int, float]) -> None:
         """Count runs that were simulated, and the CPU time that they took on other machines."""
         with self._lock:
-            self.elsewhere_cpu_s += elsewhere_cpu_s
             if (of := self._configurations.get(configuration)) is None:
                 return
             bits = of.bits(simulated_s)

@@ -69,14 +69,12 @@ class Executed:
         broken: Run index to the cause of the others.
         took_s: Wall time.
         artifacts: Recordings, traces, and verdicts that are stored now; empty if it was only executed.
-        cpu_s: CPU time of a unit of all stages.
     """
 
     simulated_s: Mapping[int, float]
     broken: Mapping[int, Broken]
     took_s: float = field(default=0.0, compare=False)
     artifacts: tuple[Artifact, ...] = ()
-    cpu_s: float = field(default=0.0, compare=False)
 
 
 def broken(error: BaseException) -> Broken:
@@ -184,7 +182,7 @@ def compute(
     Args:
         checked: See `vastflow.sim.reading.checked.checked_digest`.
     """
-    began_s, before_s = time.monotonic(), sum(os.times()[:4])
+    began_s = time.monotonic()
     home = keys.recordings(checked)
     executed = execute(store, home, scenario, start, stop, keys.seed)
     artifacts: list[Artifact] = []
@@ -204,8 +202,7 @@ def compute(
                 answered(judge, *arguments)
                 verdicts = store.find(verdicts_key)
             artifacts += [verdicts] if verdicts else []
-    took_s, cpu_s = time.monotonic() - began_s, sum(os.times()[:4]) - before_s
-    return Executed(executed.simulated_s, executed.broken, took_s, tuple(artifacts), cpu_s)
+    return Executed(executed.simulated_s, executed.broken, time.monotonic() - began_s, tuple(artifacts))
 
 
 def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> None:

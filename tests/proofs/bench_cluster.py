@@ -5,10 +5,8 @@ log-uniform from 1 to 20, with a mean of a second; a family has those of one siz
 that many slots without a gap, divided by the time that they took.
 """
 
-import functools
 import json
 import random
-import sys
 import tempfile
 import time
 from concurrent.futures import Future
@@ -25,6 +23,7 @@ from vastflow.tasks.engine.dask_cluster import DaskCluster
 from vastflow.tasks.engine.executor import Priority
 from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.engine.pool import Pool
+from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.units import Feeder
 from vastflow.tasks.store.store import open_store
 
@@ -44,11 +43,10 @@ def durations_s(slots: int, ideal_s: float) -> list[float]:
 def measured(slots: int, ideal_s: float, folder: Path) -> dict[str, Any]:
     """Return what a cluster of this many slots took for the units."""
     workers = next(each for each in range(MOST_PROCESSES, 0, -1) if slots % each == 0)
-    notice = functools.partial(print, file=sys.stderr)
     threads = {"n_workers": workers, "threads_per_worker": slots // workers, "worker_kwargs": {"memory_limit": 0}}
     with (
         SubprocessCluster(**threads, dashboard_address=None) as processes,
-        closing(DaskCluster(processes.scheduler_address, open_store(folder / "store"), Pool(1), notice)) as cluster,
+        closing(DaskCluster(processes.scheduler_address, open_store(folder / "store"), Pool(1), Tally())) as cluster,
     ):
         cluster.submit(time.sleep, 0.0, priority=Priority.EXECUTE).result(START_S)
         sleeps_s = durations_s(slots, ideal_s)

@@ -143,11 +143,12 @@ class HostileCluster:
         """Use the cluster; return whether code was executed here, and the outcome."""
         from vastflow.tasks.engine.dask_cluster import DaskCluster
         from vastflow.tasks.engine.executor import Priority
+        from vastflow.tasks.engine.progress import Tally
         from vastflow.tasks.store.store import open_store
 
         (self.folder / "way").write_text(way)
         (self.folder / "executed").write_text("")
-        executor = DaskCluster(str(self.file), open_store(self.folder / "store"), _Nothing(), lambda notice: None)
+        executor = DaskCluster(str(self.file), open_store(self.folder / "store"), _Nothing(), Tally())
         outcome = executor.submit(len, "ab", priority=Priority.EXECUTE)
         try:
             outcome = outcome.exception(120) or outcome.result()
@@ -181,9 +182,10 @@ def local_cluster(folder):
     """Return an executor of `local:1` that has connected."""
     from vastflow.tasks.engine.dask_cluster import DaskCluster
     from vastflow.tasks.engine.executor import Priority
+    from vastflow.tasks.engine.progress import Tally
     from vastflow.tasks.store.store import open_store
 
-    executor = DaskCluster("local:1", open_store(folder / "store"), _Nothing(), print, folder / "log")
+    executor = DaskCluster("local:1", open_store(folder / "store"), _Nothing(), Tally(), folder / "log")
     executor.submit(len, "ab", priority=Priority.EXECUTE).result(120)
     return executor
 

@@ -7,7 +7,7 @@ class AtOnce:
     """Makes each call at once, in this thread."""
 
     workers = 1
-    closed = elsewhere = False
+    closed = False
 
     def shared(self, value):
         return lambda: value

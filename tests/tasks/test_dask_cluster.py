@@ -20,6 +20,7 @@ from vastflow.tasks.engine import dask_cluster, dask_worker
 from vastflow.tasks.engine.dask_cluster import DaskCluster
 from vastflow.tasks.engine.dask_worker import Answer, OtherCode, write_answer
 from vastflow.tasks.engine.executor import ClusterError, PoolClosed, Priority
+from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.work import answered
 from vastflow.tasks.store.store import StoreError, open_store
 
@@ -51,6 +52,17 @@ class Here(AtOnce):
         self.done.append("close")
 
 
+class Told(Tally):
+    """Keeps notices as they come."""
+
+    def __init__(self):
+        super().__init__()
+        self.told = []
+
+    def notice(self, line):
+        self.told.append(line)
+
+
 @pytest.fixture
 def opened(dask, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -58,9 +70,9 @@ def opened(dask, tmp_path, monkeypatch):
     made = []
 
     def executor(address=dask.scheduler_address):
-        notices = []
-        made.append(DaskCluster(address, open_store(tmp_path / "store"), Here(), notices.append))
-        made[-1].notices = notices
+        tally = Told()
+        made.append(DaskCluster(address, open_store(tmp_path / "store"), Here(), tally))
+        made[-1].notices, made[-1].tally = tally.told, tally
         return made[-1]
 
     yield executor
@@ -280,6 +292,24 @@ def test_answers_of_lost_connection_are_not_taken(opened, monkeypatch):
         time.sleep(0.05)
     assert unit.result(60) is None
     assert executor._client is second is not first
+
+
+def _busy(spent):
+    if spent.exists():
+        return
+    spent.touch()
+    began_s = time.process_time()
+    while time.process_time() - began_s < 0.3:
+        pass
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_cpu_time_of_units_on_workers_of_others_is_counted_with_what_they_prepare(opened, tmp_path, before):
+    executor = opened()
+    if before:
+        executor.prepare(_busy, tmp_path / "spent")
+    execute(executor, _busy, tmp_path / "spent").result(60)
+    assert 0.2 < executor.tally.elsewhere_cpu_s < 30.0
 
 
 def test_cluster_without_worker_prints_command_and_waits(opened, monkeypatch, dask):

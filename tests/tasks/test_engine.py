@@ -190,7 +190,7 @@ def recorded(store, keys, checked, scenario, start, stop, oracles):
     facts = {"runs": [[run, 10.0] for run in range(start, stop)]}
     home = keys.recordings(checked)
     made = store.put(f"{home}/{start}-{stop}", {"recordings.parquet": b"recordings"}, facts)
-    return Executed({run: 10.0 for run in range(start, stop)}, {}, 1.0, (made,), cpu_s=2.5)
+    return Executed({run: 10.0 for run in range(start, stop)}, {}, 1.0, (made,))
 
 
 def judged(store, keys, checked, *arguments):
@@ -203,16 +203,14 @@ def judged(store, keys, checked, *arguments):
     return replace(executed, artifacts=(recording, trace, verdicts))
 
 
-@pytest.mark.parametrize(("elsewhere", "cpu_s"), [(True, 2.5), (False, 0.0)])
-def test_whole_unit_is_judged_before_the_other_stages_begin(engine_of, pool, elsewhere, cpu_s):
-    pool.elsewhere, pool.answers["compute", "a"], engine = elsewhere, judged, engine_of(whole_units=True)
+def test_whole_unit_is_judged_before_the_other_stages_begin(engine_of, pool):
+    pool.answers["compute", "a"], engine = judged, engine_of(whole_units=True)
     executed = engine.execute([configuration("a")])
     assert (engine.tally.progress().passed, engine.tally.progress().failed) == (1, 1)
     observed = engine.observe([configuration("a")], executed.made)
     outcomes = executed, observed, engine.judge([configuration("a")], observed.made)
     assert pool.done == [("compute", "a")]
     assert there(outcomes) == [(0, 1), (0, 1), (0, 1)], "it was made now"
-    assert engine.tally.elsewhere_cpu_s == cpu_s
     assert (engine.tally.progress().passed, engine.tally.progress().failed) == (1, 1)
 
 

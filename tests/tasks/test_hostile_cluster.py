@@ -61,7 +61,7 @@ def test_error_is_told_by_its_pickle_without_executing_it():
 def test_answer_comes_back_as_it_was(tmp_path):
     store = open_store(tmp_path)
     artifact = store.put("judge/ab/0-2", {"verdicts.json": b"[]"}, {"runs": [[0, "pass"], [1, "fail"]], "causes": []})
-    executed = Executed({0: 0.1 + 0.2, 1: 3.0}, {2: Broken("lost", True)}, 1.5, (artifact,), 0.5)
+    executed = Executed({0: 0.1 + 0.2, 1: 3.0}, {2: Broken("lost", True)}, 1.5, (artifact,))
     assert read_answer(write_answer(Answer(executed=executed))) == Answer(executed=executed)
 
 

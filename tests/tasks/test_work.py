@@ -177,7 +177,6 @@ def test_whole_unit_goes_through_all_stages(store, simulate):
     computed = work.compute(store, keys, "checked", SCENARIO, 0, 4, oracles)
     assert (sorted(computed.simulated_s), list(computed.broken)) == ([0, 2, 3], [1])
     assert [each.key.partition("/")[0] for each in computed.artifacts] == ["execute", "observe", "judge"] * 2
-    assert 0.0 < computed.cpu_s < 60.0
     simulate(breaking=range(4))
     assert work.compute(store, keys, "checked", SCENARIO, 2, 4, oracles).artifacts == computed.artifacts[3:]
 
