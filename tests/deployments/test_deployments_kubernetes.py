@@ -12,6 +12,7 @@ import kubernetes_validate
 import pytest
 import yaml
 from command_line import called, refused
+from table import each_row
 
 from vastflow.flows.request.run_request import command_line, request_of
 from vastflow.flows.terminal.ending import BAD_INPUT
@@ -160,6 +161,21 @@ def _script(file, folder, address, wait_s):
         assert asked in args[2]
         args[2] = args[2].replace(asked, short)
     return [address if each == SCHEDULER else each for each in args]
+
+
+@each_row(("waits_s", "code", "calls"), [("86400", 1, 1), ("0", 0, 2)])
+def test_worker_that_fails_comes_back_and_one_whose_campaign_never_came_ends(
+    file, tmp_path, monkeypatch, waits_s, code, calls
+):
+    stub, log = tmp_path / "bin" / "dask", tmp_path / "log"
+    stub.parent.mkdir()
+    stub.write_text(f"#!/bin/sh\necho called >> {log}\nexit 1\n")  # as a worker does at its --death-timeout
+    stub.chmod(0o755)
+    monkeypatch.setenv("PATH", str(stub.parent), prepend=os.pathsep)
+    written(tmp_path / "cluster", file)
+    args = [each.replace("86400", waits_s) for each in container_of(resources_of(tmp_path / "cluster")[1][-1])["args"]]
+    assert subprocess.run(args, timeout=60, check=False).returncode == code
+    assert log.read_text().count("called") == calls
 
 
 @pytest.mark.slow
