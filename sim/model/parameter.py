@@ -113,7 +113,7 @@ def _meant(field: FieldInfo, value: float) -> float:
 
 
 def held(field: FieldInfo, value: Any) -> float | None:
-    """Return the bound of the modeled range that a number lies beyond; None for any other value, and where Nav2 fails."""
+    """Return the bound that a number lies beyond; None for other values and where Nav2 fails."""
     source, (low, high) = source_of(field), range_of(field)
     if isinstance(value, bool) or not isinstance(value, int | float) or not source.least <= value <= source.most:
         return None

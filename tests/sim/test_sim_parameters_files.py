@@ -1,5 +1,6 @@
 """Nav2 parameter files: their readings and faults, pinned in `golden/nav2_parameters.yaml`, and rules for all files."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from table import each_row
 
+import vastflow.sim
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.nav2.parameter_files.built_in import BuiltIn, built_in
@@ -156,6 +158,43 @@ def test_modeled_parameters_are_not_built_in():
     assert modeled & tabled == set()
 
 
+def test_every_modeled_parameter_is_read_by_the_simulator():
+    package = Path(vastflow.sim.__file__).parent
+    read_names: set[str] = set()
+    for file in package.rglob("*.py"):
+        if {"parameters", "parameter_files"}.isdisjoint(file.parts):
+            read_names |= {
+                each.attr for each in ast.walk(ast.parse(file.read_text())) if isinstance(each, ast.Attribute)
+            }
+    groups = [ParameterGroup]
+    for group in groups:
+        groups += group.__subclasses__()
+    nav2 = [group for group in groups if group.__module__.startswith("vastflow.sim.nav2.parameters.")]
+    assert len(nav2) > 30
+    assert {name for group in nav2 for name in group.model_fields} <= read_names
+
+
+@each_row(
+    ("text", "status", "why"),
+    [
+        ("source_timeout: 1.0", "no effect", "no scan of a lidar of 2 Hz or more is that old"),
+        ("source_timeout: 0.0", "no effect", "no scan of a lidar of 2 Hz or more is that old"),
+        ("source_timeout: 0.2", "differs", ""),
+        ("s.source_timeout: 0.2", "differs", ""),
+    ],
+)
+def test_age_that_no_scan_has_has_no_effect(text, status, why):
+    area = "polygons: [p], p: {type: polygon, action_type: approach}, observation_sources: [s], s.type: scan"
+    rows = findings(read(f"collision_monitor: {{ros__parameters: {{{area}, {text}}}}}"))
+    assert [(row.status, row.why) for row in rows if row.path[-1] == "source_timeout"] == [(status, why)]
+
+
+@each_row(("value", "status"), [("true", "differs"), ("false", "built in")])
+def test_unknown_space_is_free_in_the_local_costmap(value, status):
+    text = f"local_costmap: {{local_costmap: {{ros__parameters: {{track_unknown_space: {value}}}}}}}"
+    assert [row.status for row in findings(read(text))] == [status]
+
+
 @each_row(
     ("rule", "agreeing", "other", "value"),
     [
@@ -165,6 +204,7 @@ def test_modeled_parameters_are_not_built_in():
         (BuiltIn(((0.0, 0.0),)), [0.0, 0], [0.0], [0.0, 0.0]),
         (BuiltIn(("a::B",)), "a/B", "c::B", "a::B"),
         (BuiltIn(low=0.2), 2.0, 0.1, "0.2 or more"),
+        (BuiltIn((0.0,), low=0.2), 0, 0.1, "0.2 or more"),
         (BuiltIn(high=0.2), 0, "low", "0.2 or less"),
         (BuiltIn(includes=("a", "b")), ["b", "c", "a"], ["a"], ["a", "b"]),
     ],

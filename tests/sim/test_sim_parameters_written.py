@@ -8,7 +8,7 @@ from table import each_row
 
 from vastflow.sim.model.parameter import ParameterGroup, range_of
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.costmaps import OF_THE_MAP
+from vastflow.sim.nav2.parameter_files.costmaps import OF_THE_MAP, OF_THE_WINDOW
 from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameters.costmap import Costmap, DenoiseLayer, KeepoutFilter, SpeedFilter, global_costmap
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
@@ -40,6 +40,8 @@ def varied(draw, default):
         values["ObstaclesCritic"] = default.ObstaclesCritic.with_values(enabled=False)
     if isinstance(default, Costmap) and default.track_unknown_space:  # the global one
         values = {name: value for name, value in values.items() if name not in OF_THE_MAP}
+    elif isinstance(default, Costmap):
+        values = {name: value for name, value in values.items() if name not in OF_THE_WINDOW}
     return default.with_values(**values)
 
 

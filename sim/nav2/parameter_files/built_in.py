@@ -19,7 +19,7 @@ class BuiltIn:
 
     Attributes:
         values: Values that mean just that; the first is what a file would say. Without any, every value does.
-        low, high: Range of numbers that mean the same, in place of `values`.
+        low, high: Range of numbers that mean the same, in place of `values`; beside `low` there may be `values`, too.
         includes: Names that a list must have, in place of `values`.
         prefixed: Whether text before one of the `values` makes no difference, as the robot's name before a frame.
         why: What is done in place of any of these values, none of which has an effect; may be empty.
@@ -36,8 +36,10 @@ class BuiltIn:
         """Whether `value` requests the behavior that the simulator has anyway."""
         if self.prefixed:
             return isinstance(value, str) and value.endswith(tuple(map(str, self.values)))
-        if self.values:
-            return any(_equal(value, own) for own in self.values)
+        if any(_equal(value, own) for own in self.values):
+            return True
+        if self.values and self.low == -math.inf:
+            return False
         if self.includes:
             return isinstance(value, Sequence) and set(self.includes) <= set(map(str, value))
         if self == ANY:
@@ -47,7 +49,7 @@ class BuiltIn:
     @property
     def value(self) -> Value:
         """The value that a file would have, or the range in words."""
-        if self.values:
+        if self.values and self.low == -math.inf:
             return list(own) if isinstance(own := self.values[0], tuple) else own
         if self.includes:
             return list(self.includes)
@@ -69,7 +71,10 @@ def _equal(value: Value, own: Value) -> bool:
 
 
 _RULE: Final = re.compile(r"([\w.*]+)(?:(<=|>=|=|@|~)(.*))?")
-_WHY: Final = {"bt_loop_duration": "trees are ticked every 50 ms"}
+_WHY: Final = {
+    "bt_loop_duration": "trees are ticked every 50 ms",
+    "source_timeout": "no scan of a lidar of 2 Hz or more is that old",
+}
 
 
 @functools.cache
@@ -92,7 +97,7 @@ def _rule(text: str) -> tuple[str, BuiltIn]:
     values = [json.loads(each) for each in given.split("|")] if sign else []
     rule = ANY
     if sign in ("<=", ">="):
-        rule = BuiltIn(high=values[0]) if sign == "<=" else BuiltIn(low=values[0])
+        rule = BuiltIn(high=values[0]) if sign == "<=" else BuiltIn(tuple(values[1:]), low=values[0])
     elif sign == "@":
         rule = BuiltIn(includes=tuple(values[0]))
     elif sign:

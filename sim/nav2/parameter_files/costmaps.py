@@ -181,6 +181,9 @@ def check_speed_filter(reader: Reader, parts: Parts) -> None:
 OF_THE_MAP: Final = ("publish_frequency", "width", "height", "resolution")
 """Parameters of the global costmap that have no effect: it is as large and as fine as the map."""
 
+OF_THE_WINDOW: Final = {"track_unknown_space": False}
+"""Parameters of the local costmap that are built in."""
+
 OF_THE_SCAN: Final = ("marking", "clearing", "obstacle_max_range", "obstacle_min_range", "raytrace_max_range")
 """Parameters of an obstacle layer that its source has."""
 
@@ -201,6 +204,7 @@ def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costma
     if node[-2] == "global_costmap":
         given |= {name: getattr(global_costmap(), name) for name in OF_THE_MAP}
     if node[-2] == "local_costmap":
+        given |= OF_THE_WINDOW
         reader.default_of(
             (*node, "plugins"), declared_defaults()[node[-2]]["plugins"], ["voxel_layer", "inflation_layer"]
         )
@@ -329,8 +333,8 @@ def _in_source(source: ParameterLocation) -> Mapping[str, ParameterLocation]:
 def written_costmap(name: str, costmap: Costmap) -> Values:
     """Write a costmap, and the nodes with its filters' information."""
     node = (name, name, PARAMETERS)
-    of_the_map = OF_THE_MAP if name == "global_costmap" else ()
-    values = written(costmap, node, given=(*_FIELDS.values(), *of_the_map))
+    own = OF_THE_MAP if name == "global_costmap" else OF_THE_WINDOW
+    values = written(costmap, node, given=(*_FIELDS.values(), *own))
     groups = {field: group for field, group in costmap if field in _FIELDS.values() and group.enabled}
     filters = {field: groups.pop(field) for field in ("keepout_filter", "speed_filter") if field in groups}
     voxels = costmap.obstacle_layer.short_clearing_cells

@@ -347,13 +347,9 @@ def _read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, Colli
     enabled = [reader.plain((*place, "enabled"), True) for place in (round_footprint, scan)]
     if not enabled[1]:
         given["zones"] = ()
-    own, common = (*scan, "source_timeout"), (*node, "source_timeout")
-    timeout = own if own in values else common
-    if timeout == own:
-        reader.unused[common] = f"{scan[-1]} has its own"
     given |= {"enabled": all(enabled), **_least_points(reader, round_footprint)}
-    elsewhere, kinds = {"source_timeout": timeout}, ["polygon", "collision_monitor"]
-    return {"collision_monitor": reader.group(CollisionMonitor, round_footprint, elsewhere, given, kinds=kinds)}
+    found = reader.group(CollisionMonitor, round_footprint, given=given, kinds=["polygon", "collision_monitor"])
+    return {"collision_monitor": found}
 
 
 def _monitored_scan(reader: Reader, node: ParameterLocation) -> ParameterLocation | None:
@@ -461,5 +457,5 @@ def _written_monitor(monitor: CollisionMonitor) -> Values:
         (*node, "observation_sources"): [scan[-1]],
         (*scan, "type"): "scan",
         (*scan, "enabled"): True,
-        **written(monitor, polygon, {"source_timeout": (*node, "source_timeout")}),
+        **written(monitor, polygon),
     }

@@ -156,7 +156,6 @@ class CollisionMonitor(ParameterGroup):
     time_before_collision: float = parameter(1.2, 0.0, 100.0, below=0.0)
     simulation_time_step: float = parameter(0.1, 0.001, 10.0, least=1e-9)
     min_points: int = parameter(6, 0, 100_000, below=0)
-    source_timeout: float = parameter(1.0, 0.0, 1e6)
     zones: tuple[MonitorZone, ...] = derived(())
 
 
