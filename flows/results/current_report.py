@@ -64,6 +64,12 @@ def source_digest() -> str:
     return hashed.hexdigest()
 
 
+def drawing_digest() -> str:
+    """Digest of all that figures follow from beside their content."""
+    libraries = [importlib.metadata.version(name) for name in (*REPORT_LIBRARIES, "numpy", "scipy", "shapely")]
+    return hashlib.sha256(json.dumps([source_digest(), libraries]).encode()).hexdigest()
+
+
 def seal(directory: Path) -> None:
     """Record sizes and times of a finished campaign directory's files; without them the next run writes its own."""
     with suppress(OSError):

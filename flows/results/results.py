@@ -27,7 +27,6 @@ from vastflow.flows.results.provenance import DEFAULTS_KEY, origin_row
 from vastflow.flows.results.rows import KeptRows, StoredResult, one_block, parts, rows_of
 from vastflow.flows.results.summary import Results, Summary, Work
 from vastflow.flows.results.tables import RunTables, write_instantiation
-from vastflow.oracles.evidence.headline import Headline
 from vastflow.oracles.results.executed import NAMED_FILES
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE
@@ -64,7 +63,7 @@ def write_results(
     faults: Iterable[RunFault] = (),
     created: datetime,
     work: Callable[[], Work],
-    report: Callable[[Path], Headline | None],
+    report: Callable[[Path], Mapping[str, Any] | None],
     threads: int = 1,
     kept: KeptRows | None = None,
 ) -> Results:
@@ -80,7 +79,7 @@ def write_results(
         record: What more `metadata.json` says, from the beginning on: what was asked, and the code in detail.
         faults: Those of no single configuration.
         work: What the call has done so far.
-        report: Writes evidence, figures and report into the directory it is given, and returns its headline, if any. What it raises
+        report: Writes evidence, figures and report into the directory it is given, and returns its headline as JSON, if any. What it raises
             is a fault of the campaign, but no reason to lose the tables.
         kept: Rows of earlier calls, and where new ones are kept; None to make all.
 
@@ -130,7 +129,7 @@ def write_results(
     _write_outcome(place, metadata, summary, all_faults)  # the report reads it
     try:
         if headline := report(place):
-            summary = replace(summary, headline=headline.as_json)
+            summary = replace(summary, headline=headline)
     except Exception as error:
         LOGGER.exception("the report could not be made")
         all_faults.append(RunFault("", None, "report", f"{type(error).__name__}: {error}"))

@@ -272,9 +272,14 @@ _LOGS: Final = "logs.jsonl"
 
 
 class KeptRows:
-    """Rows in the store, by all that they follow from."""
+    """Rows in the store, by all that they follow from.
+
+    Attributes:
+        keys: Those asked for, in order; None if a part has none.
+    """
 
     def __init__(self, store: Store, oracles: Sequence[str]) -> None:
+        self.keys: list[str] | None = []
         self._store = store
         self._made_by = [source_digest(), pa.__version__, list(oracles)]
 
@@ -282,9 +287,13 @@ class KeptRows:
         """Key of the rows of a part; None if something of it is missing or broken."""
         content = [[each.name, each.family, runs, found.identity] for each, found, runs in part]
         if any(each[-1] is None for each in content):
+            self.keys = None
             return None
         hashed = digest(self._made_by, content)
-        return f"rows/{hashed[:2]}/{hashed}"
+        key = f"rows/{hashed[:2]}/{hashed}"
+        if self.keys is not None:
+            self.keys.append(key)
+        return key
 
     def find(self, key: str) -> Rows | None:
         """Return the rows of a key, if they are there undamaged."""

@@ -107,11 +107,11 @@ class Results:
     def plot(self) -> "Plot":
         """Draw the rates of families and oracles with their intervals, as in the report."""
         from vastflow.oracles.evidence.evidence import evidence_of
-        from vastflow.oracles.figures.charts import rates_figure
+        from vastflow.oracles.figures.charts import rate_panels, rates_figure
         from vastflow.oracles.figures.style import Plot
         from vastflow.oracles.results.tables import read_tables
 
-        return Plot(rates_figure(evidence_of(read_tables(self.directory))))
+        return Plot(rates_figure(rate_panels(evidence_of(read_tables(self.directory)))))
 
     def _repr_html_(self) -> str | None:
         """The headline for a notebook; None without the directory, so that the notebook shows `repr`."""

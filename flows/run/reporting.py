@@ -7,8 +7,17 @@ from typing import Any, Final
 
 from vastflow.flows.request.campaign_file import terminal_lines
 from vastflow.flows.request.run_request import SEARCH
-from vastflow.flows.results.current_report import KEY, newest, newest_sealed, report_key, seal, written_by
+from vastflow.flows.results.current_report import (
+    KEY,
+    drawing_digest,
+    newest,
+    newest_sealed,
+    report_key,
+    seal,
+    written_by,
+)
 from vastflow.flows.results.directory import NewDirectory
+from vastflow.flows.results.kept_report import copy_report, drawn_before, keep_report, kept_report_key
 from vastflow.flows.results.results import metadata_of, write_results
 from vastflow.flows.results.rows import KeptRows, StoredResult, copies_in
 from vastflow.flows.results.summary import Results, summary_of
@@ -19,7 +28,6 @@ from vastflow.flows.run.event_log import EventLog, ended
 from vastflow.flows.run.judged import Judged
 from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.flows.search.tables import search_record, write_search
-from vastflow.oracles.evidence.headline import Headline
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.files import read_json
@@ -50,14 +58,15 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: E
         if not judged.faults and not engine.faults:
             record[KEY] = _key(run, computing)
 
-    def report(place: Path) -> Headline:
-        from vastflow.oracles.page.report import write_report
-
+    def report(place: Path) -> Mapping[str, Any]:
         computing.tally.begin("reporting")
         if computing.log.exists():
             (place / "logs").mkdir(exist_ok=True)
             (place / "logs" / "campaign.log").write_bytes(computing.log.read_bytes())
-        return write_report(place)
+        key = None
+        if kept is not None and kept.keys is not None and KEY in record and not run.forced.stages:
+            key = kept_report_key(place, _lasting_key(run, computing, record), kept.keys)
+        return _report(place, key)
 
     with log.directory.writing() as place:
         if run.search is not None:
@@ -84,7 +93,7 @@ def write_judged(
     judged: Judged,
     directory: NewDirectory,
     record: Mapping[str, Any],
-    report: Callable[[Path], Headline | None],
+    report: Callable[[Path], Mapping[str, Any] | None],
     kept: KeptRows | None = None,
 ) -> Results:
     """Write the tables of judged runs into a directory, and whatever `report` makes of them.
@@ -127,6 +136,25 @@ def write_judged(
     )
 
 
+def _report(place: Path, key: str | None) -> Mapping[str, Any]:
+    """Write the report of a key, possibly an earlier one with the facts of this call, and return its headline."""
+    headline = None if key is None else copy_report(place, key)
+    if headline is None:
+        from vastflow.oracles.page.report import write_lasting
+
+        if key is None:
+            headline = write_lasting(place).headline
+        else:
+            made_by = drawing_digest()
+            lasting = write_lasting(place, drawn_before(made_by))
+            headline = lasting.headline
+            keep_report(place, key, made_by, headline, lasting.drawn)
+    from vastflow.oracles.page.call import finish_report
+
+    finish_report(place)
+    return headline
+
+
 def _oracles(run: PreparedCampaign) -> list[str]:
     return [oracle.name for oracle in run.opened.oracles]
 
@@ -162,6 +190,14 @@ def _record(run: PreparedCampaign) -> dict[str, Any]:
 def _key(run: PreparedCampaign, computing: Computing) -> str:
     metadata = {**metadata_of(run.campaign, run.keys, computing.created), **run.record}
     return report_key(run.keys, run.inputs, metadata, run.opened.oracles, run.store.place)
+
+
+def _lasting_key(run: PreparedCampaign, computing: Computing, record: Mapping[str, Any]) -> str:
+    """Digest of all beside tables that a report follows from: of the campaign file the text that it shows as its own."""
+    said = repr(run.campaign.spec.metadata).encode()
+    lasting = {name: value for name, value in record.items() if name not in (KEY, WHY)}
+    metadata = {**metadata_of(run.campaign, run.keys, computing.created), **lasting}
+    return report_key(run.keys, replace(run.inputs, campaign=said), metadata, run.opened.oracles, "")
 
 
 def _is_by_its_source(run: PreparedCampaign) -> bool:

@@ -27,7 +27,7 @@ from vastflow.sim.world.occupancy import OccupancyMap
 
 Floats = NDArray[np.float64]
 PATH_COLOR: Final = "#0072B2"
-_SIZE_IN: Final = (5.0, 3.4)
+CASE_IN: Final = (5.0, 3.4)
 _MARGIN_M: Final = 1.2
 _LEAST_M: Final = 5.0
 _PANEL_IN: Final = 5.0
@@ -90,13 +90,13 @@ def case_of(tables: Tables, configuration: int, files: KeptFiles) -> Case:
 
 def case_figure(case: Case) -> Figure:
     """Draw a case, with crosses where failures ended."""
-    figure = Figure(figsize=_SIZE_IN, dpi=DPI)
+    figure = Figure(figsize=CASE_IN, dpi=DPI)
     axes = figure.add_axes((0, 0, 1, 1))
     _draw(axes, case, lambda n: 0.55 if n > 3 else 0.8)
     points = np.concatenate(case.points)
     if len(points):
         low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-        meters = _look_at(axes, low, high, _SIZE_IN, _LEAST_M)
+        meters = _look_at(axes, low, high, CASE_IN, _LEAST_M)
         # A bar of 1 m in the lower left corner.
         pad: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "transform": axes.transAxes}
         axes.add_patch(Rectangle((0.015, 0.02), max(1 / meters, 0.07) + 0.03, 0.115, zorder=4, **pad))

@@ -26,28 +26,32 @@ _MOST_LABELS: Final = 20
 """Levels of a factor that its axis names; of more, evenly spaced ones."""
 
 
-def rates_figure(evidence: Mapping[str | None, Evidence]) -> Figure:
-    """Draw rates and intervals of campaign, families and few configurations, in a panel for each oracle.
-
-    Bars are intervals for these configurations, thin black lines those for others of their kind.
-    """
+def rate_panels(evidence: Mapping[str | None, Evidence]) -> "dict[str | None, list[tuple[str, _Bars]]]":
+    """Rates and intervals of campaign, families and few configurations by oracle, for `rates_figure`."""
     groups = evidence[None].families
     worst = {*sorted(groups, key=lambda family: -groups[family].counts.failed)[: MAX_RATE_ROWS - 1]}
     families = [family for family in groups if family in worst]
-    labels = [label for label, _ in _rate_rows(evidence[None], families)]
-    panels = list(evidence)
+    return {oracle: list(_rate_rows(of, families)) for oracle, of in evidence.items()}
+
+
+def rates_figure(panels: "Mapping[str | None, Sequence[tuple[str, _Bars]]]") -> Figure:
+    """Draw a panel for each oracle.
+
+    Bars are intervals for these configurations, thin black lines those for others of their kind.
+    """
+    labels = [label for label, _ in panels[None]]
     height_in = 0.6 + 0.21 * len(labels)
     figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=DPI)
     left = min(0.02 + 0.0075 * max(map(len, labels)), 0.4)
     width = (0.99 - left) / len(panels)
-    for i, oracle in enumerate(panels):
+    for i, (oracle, rows) in enumerate(panels.items()):
         axes = figure.add_axes((left + i * width, 0.3 / height_in, width - 0.025, 1 - 0.6 / height_in))
         title = (oracle or "all oracles").rpartition(":")[2]  # of an oracle in a file the class: panels are narrow
         axes.set_title(title, fontsize=10, color=INK, loc="left", fontweight="bold")
-        _draw_rates(axes, [bars for _, bars in _rate_rows(evidence[oracle], families)])
+        _draw_rates(axes, [bars for _, bars in rows])
         axes.set_ylim(len(labels) - 0.4, -0.6)
         axes.set_yticks(range(len(labels)) if i == 0 else [], labels if i == 0 else [], fontsize=8)
-    for text, (_, bars) in zip(figure.axes[0].get_yticklabels(), _rate_rows(evidence[None], families), strict=True):
+    for text, (_, bars) in zip(figure.axes[0].get_yticklabels(), panels[None], strict=True):
         text.set_fontweight("bold" if bars.group else "normal")
     return figure
 

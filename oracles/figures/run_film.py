@@ -14,8 +14,8 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 from PIL import Image
 
-from vastflow.oracles.figures.case_figure import CROSS, Case, case_figure
-from vastflow.oracles.figures.style import COLORS, INK, LINE, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK, place
+from vastflow.oracles.figures.case_figure import CASE_IN, CROSS, Case, case_figure
+from vastflow.oracles.figures.style import COLORS, DPI, INK, LINE, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK, place
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.sim.loop.event_words import event_words
@@ -62,6 +62,12 @@ class FilmedRun:
         t_ms = self.recording.columns["t_ms"]
         rows = self.rows
         return float(t_ms[-1] - t_ms[0]) / (PICTURE_MS * max(len(rows) - 1, 1))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of each picture in pixels."""
+        width_in, height_in = CASE_IN
+        return int(width_in * DPI), int((height_in + _STRIP_IN) * DPI)
 
     def pictures(self) -> Iterator[Image.Image]:
         """Draw the run, a picture for each of `rows`, as RGB pictures of one size."""

@@ -12,6 +12,7 @@ from vastflow.oracles.evidence.causes import MEASURES_ALONE, causes_of, criteria
 from vastflow.oracles.evidence.evidence import evidence_of, spreads_of
 from vastflow.oracles.evidence.findings import findings_of, stopping_rule
 from vastflow.oracles.evidence.varied import named
+from vastflow.oracles.figures.drawing import Before
 from vastflow.oracles.figures.scene import scenes_of
 from vastflow.oracles.page.words import position, short
 from vastflow.oracles.results.executed import KeptFiles, environment_names
@@ -33,11 +34,12 @@ class Facts:
         shown_oracles: None for all together, and each that can fail a run if there are several.
         units, noun: Independent units of the configurations, and what one is called.
         maps: Number of maps.
+        before: Gives drawings of earlier reports.
         most_runs: Largest number of judged runs of a configuration.
     """
 
-    def __init__(self, tables: Tables) -> None:
-        self.tables = tables
+    def __init__(self, tables: Tables, before: Before = lambda key: None) -> None:
+        self.tables, self.before = tables, before
         self.metadata: Mapping[str, Any] = tables.metadata
         self.names = environment_names(tables.directory, tables.configurations.environments)
         self.files = KeptFiles(tables.directory)

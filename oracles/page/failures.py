@@ -40,7 +40,11 @@ def why_section(facts: Facts) -> Section | None:
     ]
     numbers = columns("number", "Runs", "Of its failures", "Configurations")
     drawn = [cause_picture(facts.tables, each, facts.files) for each in facts.causes]
-    films = [film for each in facts.causes[:1] if (film := cause_film(facts.tables, each, facts.files)) is not None]
+    films = [
+        film
+        for each in facts.causes[:1]
+        if (film := cause_film(facts.tables, each, facts.files, facts.before)) is not None
+    ]
     values = {
         "causes": list(zip(facts.causes, drawn, strict=True)),
         "films": films,

@@ -9,6 +9,7 @@ from typing import Final
 
 from vastflow.oracles.evidence.causes import CauseCount
 from vastflow.oracles.figures.case_figure import case_of
+from vastflow.oracles.figures.drawing import Before, Drawing, Files
 from vastflow.oracles.figures.film import FilmError, write_mp4
 from vastflow.oracles.figures.run_film import LAST_MS, PICTURE_MS, FilmedRun
 from vastflow.oracles.page.words import number
@@ -35,7 +36,11 @@ class Film:
     alt: str
     caption: str
     size: tuple[int, int]
-    mp4: bytes = field(repr=False)
+    drawing: Drawing = field(repr=False)
+
+    @property
+    def mp4(self) -> bytes:
+        return self.drawing.files["mp4"]
 
     @property
     def source(self) -> str:
@@ -43,7 +48,7 @@ class Film:
         return f"data:video/mp4;base64,{base64.b64encode(self.mp4).decode()}"
 
 
-def cause_film(tables: Tables, count: CauseCount, files: KeptFiles) -> Film | None:
+def cause_film(tables: Tables, count: CauseCount, files: KeptFiles, before: Before) -> Film | None:
     """The example run of a cause; None without map or recording, or where it is too large.
 
     It is drawn from the recording, so that nothing is executed, and a report has the same film on every host.
@@ -59,16 +64,18 @@ def cause_film(tables: Tables, count: CauseCount, files: KeptFiles) -> Film | No
         return None
     case = case_of(tables, configuration, files)
     filmed = FilmedRun(case, recording, "fail", case.situation.circumscribed_radius_m)
-    mp4, size = _encoded(filmed)
+    drawing = Drawing(_encoded, filmed)
+    drawing.take(before)
+    mp4 = drawing.files["mp4"]
     if not mp4 or 4 * len(mp4) > 3 * MOST_BYTES:
         return None
     caption = f"{name}, run {count.run_index}: {recording.run.simulated_s:.1f} s, {number(filmed.times_real_time)} × real time. "
     caption += "Dark: the robot. Orange: where it took itself to be. Ticks: recoveries and contacts."
     alt = f"Film of run {count.run_index} of {name}, which failed: {count.cause}"
-    return Film(f"film-{name}-{count.run_index}", alt, caption, size, mp4)
+    return Film(f"film-{name}-{count.run_index}", alt, caption, filmed.size, drawing)
 
 
-def _encoded(filmed: FilmedRun) -> tuple[bytes, tuple[int, int]]:
+def _encoded(filmed: FilmedRun) -> Files:
     pictures = list(filmed.pictures())
     with TemporaryDirectory(prefix="vastflow-") as folder:
         file = Path(folder, "film.mp4")
@@ -76,5 +83,5 @@ def _encoded(filmed: FilmedRun) -> tuple[bytes, tuple[int, int]]:
             write_mp4(file, pictures, PICTURE_MS, LAST_MS, _CRF)
         except FilmError as error:
             LOGGER.warning("the report has no film: %s", error)
-            return b"", (0, 0)
-        return file.read_bytes(), pictures[0].size
+            return {"mp4": b""}
+        return {"mp4": file.read_bytes()}

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.causes import CauseCount, Criterion
@@ -13,9 +12,15 @@ from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.findings import Design
 from vastflow.oracles.figures import maps
 from vastflow.oracles.figures.case_figure import case_figure, case_of
-from vastflow.oracles.figures.charts import factor_figure, interaction_figure, rates_figure, threshold_figure
+from vastflow.oracles.figures.charts import (
+    factor_figure,
+    interaction_figure,
+    rate_panels,
+    rates_figure,
+    threshold_figure,
+)
+from vastflow.oracles.figures.drawing import Drawing
 from vastflow.oracles.figures.scene import Scene, Walks, distinct_obstacles, read_estimate, read_walks
-from vastflow.oracles.figures.style import png, svg
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.page.section import Picture
 from vastflow.oracles.results.executed import KeptFiles
@@ -34,7 +39,7 @@ def rate_pictures(evidence: Mapping[str | None, Evidence]) -> Iterator[Picture]:
         alt = "Rates of the campaign, its families and configurations with their intervals"
         caption = "Point: share of passed runs. Bar: 95 % interval for these configurations. "
         caption += "Thin line: 95 % interval for other configurations of the kind."
-        yield picture("rates", "", alt, caption, rates_figure(evidence), drawn=True, wide=True)
+        yield picture("rates", "", alt, caption, Drawing(rates_figure, rate_panels(evidence)), drawn=True, wide=True)
 
 
 def factor_pictures(designs: Sequence[Design]) -> list[list[Picture]]:
@@ -51,7 +56,9 @@ def contrast_pictures(designs: Sequence[Design]) -> dict[tuple[int, str], Pictur
     found = {}
     for k, factor in [(k, factor) for k, factors in shown for factor in factors][:MOST_CONTRASTS]:
         alt = f"Failure rate at each level of {factor.name}"
-        found[k, factor.name] = picture(f"contrast-{k + 1}", "", alt, caption, factor_figure([factor]), drawn=True)
+        found[k, factor.name] = picture(
+            f"contrast-{k + 1}", "", alt, caption, Drawing(factor_figure, [factor]), drawn=True
+        )
     return found
 
 
@@ -64,7 +71,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             "Where failed runs ended",
             f"{name}: density of the final poses of {len(scene.failed_xy_m):,} failed runs",
             "Final true poses of all failed runs, blurred with 0.2 m.",
-            maps.final_poses_figure(scene),
+            Drawing(maps.final_poses_figure, scene),
             density=True,
         )
         yield picture(
@@ -73,7 +80,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             f"{name}: failed runs over visits in cells of 0.25 m",
             "Of the runs that came through a cell, the share that failed within the last 0.5 m of their path there. "
             "Faint cells are uncertain. A dense spot on the left can be a busy one; a dark cell here is a dangerous one.",
-            maps.failure_rate_figure(scene),
+            Drawing(maps.failure_rate_figure, scene),
             density=True,
         )
     hidden = len(scene.obstacles) - maps.MAX_OBSTACLES
@@ -89,7 +96,11 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             alt = f"{name}: true trajectories of {word} runs"
             caption = f"True trajectories of {word} runs, from circle to cross.{obstacles}"
             yield picture(
-                f"{word}-{end}", f"{word.capitalize()} runs", alt, caption, maps.paths_figure(scene, judgement)
+                f"{word}-{end}",
+                f"{word.capitalize()} runs",
+                alt,
+                caption,
+                Drawing(maps.paths_figure, scene, judgement),
             )
 
 
@@ -101,7 +112,7 @@ def all_maps_picture(scenes: Sequence[Scene], names: Sequence[str]) -> Picture:
         "A column for each map: final poses of failed runs, failed trajectories, passed trajectories",
         "Above: final poses of failed runs in rings, blurred with 0.2 m, yellow few, purple many for the map. Middle: failed "
         "trajectories. Below: passed trajectories, from circle to cross; at most 1,000 of each are drawn.",
-        maps.all_maps_figure(scenes, names),
+        Drawing(maps.all_maps_figure, scenes, names),
         wide=True,
     )
 
@@ -144,7 +155,7 @@ def threshold_pictures(criteria: Sequence[Criterion]) -> Iterator[Picture]:
             name = "".join(letter if letter.isalnum() else "-" for letter in criterion.oracle)
             alt = f"Share of runs that would pass {criterion.oracle}, by its threshold"
             caption = f"Share of the {criterion.runs:,} judged runs that would pass, had {criterion.oracle} another threshold."
-            figure = threshold_figure(criterion, criterion.score)
+            figure = Drawing(threshold_figure, criterion, criterion.score)
             yield picture(f"threshold-{name}", "", alt, caption, figure, drawn=True)
 
 
@@ -155,10 +166,10 @@ def _on_map(
     paths: Sequence[tuple[Judgement, NDArray[np.float64]]],
     spawned: Sequence[Obstacle],
     estimate_xy_m: NDArray[np.float64] | None = None,
-) -> Figure:
+) -> Drawing:
     case = case_of(tables, configuration, files)
     obstacles = distinct_obstacles([*case.obstacles, *spawned])
-    return case_figure(replace(case, obstacles=obstacles, paths=paths, estimate_xy_m=estimate_xy_m))
+    return Drawing(case_figure, replace(case, obstacles=obstacles, paths=paths, estimate_xy_m=estimate_xy_m))
 
 
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:
@@ -166,13 +177,15 @@ def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:
         alt = "Failure rate at each level of each factor"
         caption = "A thin line with rings is one path, or one situation without a path; diamonds are the mean. "
         caption += "Orange: the factor is shown to matter, on these or on others; black: it is not."
-        yield picture(f"factors{ending}", "", alt, caption, factor_figure(factors), drawn=True, wide=True)
+        yield picture(f"factors{ending}", "", alt, caption, Drawing(factor_figure, factors), drawn=True, wide=True)
     if pairs := [pair for pair in design.analysis.interactions if pair.claim.shown]:
         alt = "Failure rate for each combination of levels of two factors that act together"
         caption = "Failure rate of each combination. Framed: the effects of both factors alone don't add up to it."
-        yield picture(f"interactions{ending}", "", alt, caption, interaction_figure(pairs), drawn=True, wide=True)
+        yield picture(
+            f"interactions{ending}", "", alt, caption, Drawing(interaction_figure, pairs), drawn=True, wide=True
+        )
 
 
-def picture(name: str, title: str, alt: str, caption: str, figure: Figure, **marks: bool) -> Picture:
-    """`figure` as a picture; `marks` are the flags of `Picture`."""
-    return Picture(name, title, alt, caption, png(figure), svg(figure), **marks)
+def picture(name: str, title: str, alt: str, caption: str, drawing: Drawing, **marks: bool) -> Picture:
+    """A drawing as a picture; `marks` are the flags of `Picture`."""
+    return Picture(name, title, alt, caption, drawing, **marks)

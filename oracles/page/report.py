@@ -2,9 +2,9 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
@@ -13,10 +13,12 @@ from markupsafe import Markup
 from vastflow.oracles.evidence.causes import causes_json, criteria_json
 from vastflow.oracles.evidence.evidence import evidence_json
 from vastflow.oracles.evidence.findings import findings_json, shape_of
-from vastflow.oracles.evidence.headline import Headline, robot_text
+from vastflow.oracles.evidence.headline import robot_text
 from vastflow.oracles.evidence.wide import wide_table, write_wide
+from vastflow.oracles.figures.drawing import Before
 from vastflow.oracles.figures.style import CLASS_COLORS, plain_style
 from vastflow.oracles.page import sections, words
+from vastflow.oracles.page.call import finish_report
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.failures import failed_section, why_section, worst_section
 from vastflow.oracles.page.pictures import MAX_EMBEDDED, contrast_pictures
@@ -54,12 +56,35 @@ _FILTERS: Final = {
 }
 
 
-@plain_style()
-def write_report(directory: Path) -> Headline:
+@dataclass(frozen=True)
+class Lasting:
+    """What was written of a report: its headline as JSON, and the names of figures by the keys of their drawings."""
+
+    headline: dict[str, Any]
+    drawn: dict[str, str]
+
+
+def write_report(directory: Path) -> dict[str, Any]:
     """Write `evidence.json`, `runs_wide.parquet`, `figures/` and `report.html` into the campaign directory `directory`.
 
     Returns:
-        The campaign's headline.
+        The campaign's headline as JSON.
+
+    Raises:
+        OSError: a table that should be there is not.
+        ValueError: a table is damaged.
+    """
+    lasting = write_lasting(directory)
+    finish_report(directory)
+    return lasting.headline
+
+
+@plain_style()
+def write_lasting(directory: Path, before: Before = lambda key: None) -> Lasting:
+    """Write a report without what differs from call to call, which `finish_report` adds.
+
+    Args:
+        before: Gives drawings of earlier reports that the same code made.
 
     Raises:
         OSError: a table that should be there is not.
@@ -67,7 +92,7 @@ def write_report(directory: Path) -> Headline:
     """
     tables = read_tables(directory)
     write_wide(directory, wide_table(tables))  # before the facts, as it takes most memory of all
-    facts = Facts(tables)
+    facts = Facts(tables, before)
     said = {
         **findings_json(facts.findings),
         "causes": causes_json(facts.causes),
@@ -79,17 +104,20 @@ def write_report(directory: Path) -> Headline:
     pictures = [*contrasts.values(), *(picture for section in shown for picture in section.pictures)]
     figures = directory / "figures"
     figures.mkdir(exist_ok=True)
+    films = [film for section in shown for film in section.films]
     for picture in pictures:
+        picture.drawing.take(before)
         (figures / f"{picture.name}.png").write_bytes(picture.png)
         (figures / f"{picture.name}.svg").write_bytes(picture.svg)
-    for film in (film for section in shown for film in section.films):
+    for film in films:
         (figures / f"{film.name}.mp4").write_bytes(film.mp4)
     page = _html(facts, shown, contrasts, _embedded(pictures))
     said["findings"] = _findings_in(page)
     with open(directory / "evidence.json", "w", encoding="utf-8") as file:
         file.writelines(evidence_json(tables, facts.evidence, facts.spreads, said))
     (directory / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
-    return facts.everything.campaign.headline
+    drawn = {each.drawing.key: each.name for each in pictures} | {each.drawing.key: each.name for each in films}
+    return Lasting(facts.everything.campaign.headline.as_json, drawn)
 
 
 def _html(

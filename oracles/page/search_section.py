@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from vastflow.oracles.evidence.findings import found_text
 from vastflow.oracles.figures.charts import archive_figure, boundary_figure, progress_figure
+from vastflow.oracles.figures.drawing import Drawing
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.pictures import case_picture, picture
 from vastflow.oracles.page.section import Picture, Section
@@ -57,7 +58,7 @@ def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
         alt = f"{name} of each point over the runs spent"
         caption = "Dot: a point. Line: the best so far, by the runs that the search used; fresh runs correct it."
         caption += " Dashed: random search with as many points." if beside else ""
-        figure = progress_figure(rows, name, said["direction"], beside)
+        figure = Drawing(progress_figure, rows, name, said["direction"], beside)
         yield picture("search-progress", "Best against budget", alt, caption, figure, drawn=True)
     archive = said["parameters"].get("archive", {})
     measures = archive.get("measures", {})
@@ -68,13 +69,13 @@ def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
         places = {tuple(json.loads(row["cell"])): row["objective"] for row in cells}
         alt = f"{name} of the best point in each cell"
         caption = "Each cell: the best point whose measures lie in it. White: none was found."
-        figure = archive_figure(places, ranges, name)
+        figure = Drawing(archive_figure, places, ranges, name)
         yield picture("search-archive", "Archive", alt, caption, figure, drawn=True)
     if (directory / "boundary.parquet").is_file() and len(said["space"]) <= 2:
         level = said["parameters"].get("level", 0.5)
         surface = table_rows(directory / "boundary.parquet")
         decoded = [{**row, "point": json.loads(row["point"])} for row in surface]
-        figure = boundary_figure(decoded, list(said["space"]), level, name)
+        figure = Drawing(boundary_figure, decoded, list(said["space"]), level, name)
         caption = f"Line: where {name} is expected to cross {level:g}. Band: 95 %."
         yield picture("search-boundary", "Boundary", f"Where {name} crosses {level:g}", caption, figure, drawn=True)
 

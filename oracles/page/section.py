@@ -9,6 +9,7 @@ from typing import Any, Final, Literal, TypeAlias
 from markupsafe import Markup
 
 from vastflow.oracles.evidence.evidence import Evidence
+from vastflow.oracles.figures.drawing import Drawing
 from vastflow.oracles.page.film import Film
 from vastflow.oracles.page.words import percent, span_of
 from vastflow.oracles.statistics.intervals import Counts
@@ -96,12 +97,19 @@ class Picture:
     title: str
     alt: str
     caption: str
-    png: bytes = field(repr=False)
-    svg: bytes = field(repr=False)
+    drawing: Drawing = field(repr=False)
     drawn: bool = False
     density: bool = False
     wide: bool = False
     detail: bool = False
+
+    @property
+    def png(self) -> bytes:
+        return self.drawing.files["png"]
+
+    @property
+    def svg(self) -> bytes:
+        return self.drawing.files["svg"]
 
     @property
     def size(self) -> tuple[int, int]:

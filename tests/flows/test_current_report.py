@@ -12,6 +12,8 @@ from bench_pipeline import SCENARIO, campaign_text
 
 from vastflow.flows import run_campaign
 from vastflow.flows.results.current_report import newest_sealed, seal
+from vastflow.flows.results.kept_report import MOST_KEPT, copy_report, keep_report
+from vastflow.oracles.page.report import write_report
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -138,3 +140,75 @@ def test_changed_input_does_not_reuse_existing_directory(computed):
     assert b"# a comment" in files(Path(after["results"]))["inputs/nothing.osc"]
     fewer, _ = command(folder, *results, "--runs", "1")
     assert fewer["runs"] == 3 and fewer["results"] != after["results"]
+
+
+def edited(folder, old, new):
+    file = folder / "nothing.vast"
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+
+
+def test_comment_in_campaign_file_copies_report_and_draws_nothing(computed, tmp_path):
+    folder, _ = computed
+    results = ("--results", tmp_path / "results")
+    before = Path(command(folder, *results)[0]["results"])
+    edited(folder, "version: 1", "version: 1  # <b>why</b> <!-- work --><!-- /work -->")
+    made, loaded = command(folder, *results)
+    after = Path(made["results"])
+    assert after != before and not {"prefect", "matplotlib", "scipy"} & {*loaded}
+    page = (after / "report.html").read_text()
+    assert "# &lt;b&gt;why&lt;/b&gt; &lt;!-- work --&gt;" in page and "<!-- file -->" not in page
+    assert after.name.removeprefix("nothing-")[:10] in page.partition("<!-- when -->")[2][:20]
+    one, other = files(before), files(after)
+    different = {name for name in one.keys() | other.keys() if one.get(name) != other.get(name)}
+    assert different == {"campaign.vast", "events.jsonl", "metadata.json", "report.html", ".files.json"}
+    write_report(after)
+    for mark in ("<!-- work -->", "<!-- /work -->"):
+        assert page.count(mark) == 1
+    assert page.partition("<!-- work -->")[0] == (after / "report.html").read_text().partition("<!-- work -->")[0]
+    assert files(after)["evidence.json"] == other["evidence.json"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "options"),
+    [("{name: nothing}", "{name: nothing, title: Another name}", ()), ("version: 1", "version: 1", ("--runs", "1"))],
+    ids=["title", "runs"],
+)
+def test_report_of_other_content_is_not_copied(computed, tmp_path, old, new, options):
+    folder, _ = computed
+    before = command(folder, "--results", tmp_path / "results")[0]["results"]
+    edited(folder, old, new)
+    made, loaded = command(folder, "--results", tmp_path / "results", *options)
+    assert "matplotlib" in loaded and made["results"] != before
+    page = (Path(made["results"]) / "report.html").read_text()
+    assert ("Another name" in page) == (not options)
+    assert f"of {3 if options else 6} judged runs passed" in " ".join(page.split())
+
+
+def test_damaged_copy_of_report_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setattr("platformdirs.user_cache_dir", lambda name: str(tmp_path / name))
+    directory = tmp_path / "one"
+    (directory / "figures").mkdir(parents=True)
+    for name in ("evidence.json", "report.html", "runs_wide.parquet", "figures/rates.png"):
+        (directory / name).write_text(name)
+    keep_report(directory, "key", "code", {"text": "7 of 8"}, {})
+    (tmp_path / "two").mkdir()
+    assert copy_report(tmp_path / "two", "key") == {"text": "7 of 8"}
+    assert files(tmp_path / "two") == files(directory)
+    (kept,) = (tmp_path / "vastflow" / "reports").iterdir()
+    kept.write_bytes(kept.read_bytes()[:-40])
+    assert copy_report(tmp_path / "two", "key") is None and copy_report(tmp_path / "two", "other") is None
+
+
+def test_only_newest_reports_are_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr("platformdirs.user_cache_dir", lambda name: str(tmp_path / name))
+    for name in ("evidence.json", "report.html", "runs_wide.parquet"):
+        (tmp_path / name).write_text(name)
+    (tmp_path / "figures").mkdir()
+    reports = tmp_path / "vastflow" / "reports"
+    for number in range(MOST_KEPT + 2):
+        keep_report(tmp_path, f"key-{number}", "code", {}, {})
+        os.utime(reports / f"key-{number}.zip", (number, number))
+    assert not {"key-0.zip", "key-1.zip"} & {each.name for each in reports.iterdir()}
+    assert len([*reports.iterdir()]) == MOST_KEPT

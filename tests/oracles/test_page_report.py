@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from table import each_row
 
 import vastflow
@@ -26,7 +27,7 @@ from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.failures import cases, failure_kinds, kind_of
 from vastflow.oracles.page.film import MOST_BYTES
 from vastflow.oracles.page.headline import headline_html
-from vastflow.oracles.page.report import write_report
+from vastflow.oracles.page.report import write_lasting, write_report
 from vastflow.oracles.page.search_section import CELLS_DRAWN, search_section
 from vastflow.oracles.page.section import rate_cell, rate_html
 from vastflow.oracles.page.sections import rejection_rows
@@ -183,6 +184,29 @@ def test_report_has_no_film_that_is_too_large_or_fails(directory, monkeypatch, n
     shutil.rmtree(directory / "figures")
     write_report(directory)
     assert "<video" not in text_of(directory) and not [*(directory / "figures").glob("*.mp4")]
+
+
+def test_report_takes_figures_of_same_content_and_draws_others(
+    shown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, other = (Path(shutil.copytree(shown, tmp_path / name)) for name in ("one", "other"))
+    shutil.rmtree(other / "figures")
+    lasting = write_lasting(one)
+    files = {path.relative_to(one): path.read_bytes() for path in one.rglob("*") if path.is_file()}
+    assert "" not in lasting.drawn
+
+    def before(key):
+        found = [path for path in (one / "figures").iterdir() if path.stem == lasting.drawn.get(key)]
+        return {path.suffix[1:]: path.read_bytes() for path in found} or None
+
+    saved = []
+    monkeypatch.setattr(Figure, "savefig", lambda *arguments, **named: saved.append(named))
+    assert write_lasting(other, before) == lasting
+    assert not saved
+    assert files == {path.relative_to(other): path.read_bytes() for path in other.rglob("*") if path.is_file()}
+    fewer = next(iter(lasting.drawn))
+    write_lasting(other, lambda key: None if key == fewer else before(key))
+    assert [named["format"] for named in saved] == ["png", "svg"]
 
 
 def test_report_marks_facts_of_call(directory: Path) -> None:

@@ -58,7 +58,7 @@ def written(add_campaign):
                 directory / "evaluations.parquet", EVALUATIONS, [{**row, "runs": 2, "simulated_s": 1.0, "reason": ""}]
             )
             write_table(directory / "archive.parquet", ARCHIVE, [])
-        metadata["counts"]["headline"] = write_report(directory).as_json
+        metadata["counts"]["headline"] = write_report(directory)
         file.write_text(json.dumps(metadata))
         return directory
 
