@@ -23,6 +23,7 @@ DATA = (
     "vastflow/sim/scenario/language/grammar.lark",
     "vastflow/sim/scenario/language/library/nav2.osc",
     *(f"vastflow/oracles/page/report.{kind}" for kind in ("html.j2", "css", "js")),
+    "vastflow/oracles/page/call.html.j2",
 )
 KEYS = """
 from importlib.metadata import entry_points
