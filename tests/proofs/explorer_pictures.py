@@ -32,6 +32,7 @@ COLORS: Final = 128
 FILM_WIDTH: Final = 900
 COMPLETE: Final = """document.readyState === "complete" && location.href !== "about:blank"
     && (document.querySelector("[data-action=execute]")?.hidden ?? true)
+    && !document.body.innerText.includes("Read so far:")
     && (document.documentElement.dataset.shown || !document.querySelector('[src$="/campaign.js"], [src$="/configuration.js"]'))
 """
 """Whether a page has all that it asks the server for: a run its layers, other pages their views."""
@@ -115,7 +116,7 @@ def main() -> None:
             image = picture(browser, f"{root}/run?{urlencode({**run, 't': t_s})}", asked.wait)
             frames.append(image.convert("RGB").resize((FILM_WIDTH, HEIGHT * FILM_WIDTH // WIDTH)))
         film = asked.to / "explorer.webp"
-        frames[0].save(film, save_all=True, append_images=frames[1:], duration=250, loop=0, quality=60, method=6)
+        frames[0].save(film, save_all=True, append_images=frames[1:], duration=250, loop=0, quality=50, method=6)
         print(f"{film}: {film.stat().st_size / 1000:.0f} kB")
 
 

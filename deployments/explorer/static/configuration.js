@@ -34,9 +34,8 @@ async function showMap(place) {
 async function showSignals(place) {
   const [signal, over] = place.parentElement.querySelectorAll("select");
   const note = place.parentElement.querySelector(".note");
-  const { arrays } = await fetchPacked(
-    address("/api/configuration/signals", { c, name, signal: signal.value, over: over.value }),
-  );
+  const asked = { c, name, signal: signal.value, over: over.value };
+  const { arrays } = await fetchPacked(address("/api/configuration/signals", asked));
   const chart = lineChart(widthIn(place), over.selectedOptions[0].text, signal.value, arrays, (k, at, value) => {
     const time = over.value === "t_s" ? number(at) : null;
     tellRun(note, name, arrays.run[k], arrays.verdict[k], `, ${number(value)} at ${number(at)}`, time);

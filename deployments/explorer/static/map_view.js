@@ -102,12 +102,8 @@ export class MapView extends ShownPart {
       mark.style.transform = `translate(${at}px, ${-up}px) scale(var(--px))`;
       return mark;
     });
-    return [
-      ground,
-      ...(form === "grid" ? [this.#cells()] : form === "runs" ? this.#runs() : []),
-      ...outlines,
-      ...marks,
-    ];
+    const runs = form === "grid" ? [this.#cells()] : form === "runs" ? this.#runs() : [];
+    return [ground, ...runs, ...outlines, ...marks];
   }
 
   /** A path for the runs of each verdict. */
@@ -149,8 +145,8 @@ export class MapView extends ShownPart {
       : values === failed
         ? "failed runs that ended here"
         : `runs that ${header.layer === "ends" ? "ended" : "came"} here`;
-    const ramp = element("span", { class: "ramp" });
-    ramp.style.background = `linear-gradient(90deg, ${RAMP})`;
+    const ramp = element("span");
+    ramp.style.cssText = `width: 120px; height: 8px; background: linear-gradient(90deg, ${RAMP})`;
     this.legend.replaceChildren(isRate ? "0 %" : "1", ramp, isRate ? "100 %" : count(most), element("span", {}, words));
     const box = { x: origin[0], y: -origin[1] - cell * rows, width: cell * columns, height: cell * rows };
     return drawn("image", { href: picture(rows, columns, colors).toDataURL(), ...PIXELS, ...box });

@@ -238,11 +238,9 @@ async function sideOf(c, configuration, run) {
 
 let player = /** @type {Player | undefined} */ (undefined);
 $("runs").addEventListener("change", () => {
-  const paused = player?.playing ? "" : "1";
-  const moment = player
-    ? { t: player.t.toFixed(3), paused, layers: query.get("layers"), signals: query.get("signals") }
-    : {};
-  for (const [name, value] of Object.entries(moment))
+  const moment = player && { t: player.t.toFixed(3), paused: player.playing ? "" : "1" };
+  const [layers, signals] = ["layers", "signals"].map((name) => query.get(name));
+  for (const [name, value] of Object.entries({ ...moment, layers, signals }))
     if (value) $("runs").append(element("input", { type: "hidden", name, value }));
   $("runs").submit();
 });

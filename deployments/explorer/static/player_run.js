@@ -24,10 +24,8 @@ export class Run {
 
   /** Sample at or before a time, the one after it, and the share of the time between them. */
   between(t) {
-    const row = Math.max(
-      this.t.findLastIndex((each) => each <= t + 1e-9),
-      0,
-    );
+    const last = this.t.findLastIndex((each) => each <= t + 1e-9);
+    const row = Math.max(last, 0);
     const next = Math.min(row + 1, this.t.length - 1);
     const step = this.t[next] - this.t[row];
     return { row, next, share: step > 0 ? Math.min(Math.max((t - this.t[row]) / step, 0), 1) : 0 };

@@ -65,11 +65,8 @@ export class Tracks {
         const [color, alpha] = BANDS[kind] ?? ["muted", 0.22];
         const look = { width: "100%", height: "100%", fill: `var(--${color})`, "fill-opacity": alpha };
         const fits = kind.length * LETTER_PX + 8 < share * width;
-        const name = drawn(
-          "text",
-          { x: 4, y: 11, fill: alpha > 0.6 ? "var(--panel)" : "var(--ink)" },
-          fits ? kind : "",
-        );
+        const ink = `var(--${alpha > 0.6 ? "panel" : "ink"})`;
+        const name = drawn("text", { x: 4, y: 11, fill: ink }, fits ? kind : "");
         const place = { x: `${100 * x}%`, width: `${100 * share}%` };
         return drawn("svg", place, drawn("rect", look), name, drawn("title", {}, kind));
       });

@@ -1,13 +1,8 @@
 /** Figures as files: SVG with its colors in it, and PNG of twice the size. */
 import { drawn, element, filled, readTheme } from "./dom.js";
 
-const KEPT = ["fill", "fill-opacity", "font-family", "font-size", "image-rendering", "opacity", "stroke"].concat([
-  "stroke-linecap",
-  "stroke-opacity",
-  "stroke-width",
-  "text-anchor",
-  "vector-effect",
-]);
+const KEPT = ["fill", "fill-opacity", "font-family", "font-size", "image-rendering", "opacity", "stroke"];
+KEPT.push("stroke-linecap", "stroke-opacity", "stroke-width", "text-anchor", "vector-effect");
 
 /** Make the two buttons that save a figure of the page. @type {(name: string, figure: () => any) => HTMLElement[]} */
 export function saveButtons(name, figure) {

@@ -157,6 +157,17 @@ def test_configuration_shows_runs_signals_and_neighbor(page, campaign):
     assert page.value("document.querySelector('#neighbor h2').textContent") == "Nearest configuration that fails"
 
 
+def test_failed_paths_cover_others_in_their_own_color(page):
+    until_painted(page)
+    drawn = page.value(
+        "[...document.querySelectorAll('#map svg.map path[d]:not([d=\"\"])')].map(each => {"
+        "const {stroke, opacity} = getComputedStyle(each); return [each.getAttribute('class'), stroke, Number(opacity)]; })"
+    )
+    runs = [each for each in drawn if each[0] in ("pass", "fail")]
+    assert [name for name, *_ in runs] == ["pass", "fail"]
+    assert runs[1] == ["fail", "rgb(194, 84, 0)", 0.9]  # not blended to the gray of runs that were not judged
+
+
 def test_table_and_map_are_used_by_keyboard(page):
     page.value("document.querySelector('#table [tabindex=\"0\"]').focus()")
     press(page, "ArrowDown")

@@ -165,6 +165,14 @@ def test_run_page_shows_moment_of_its_address(page: Page):
     assert "stuck" in page.text(".panels")
 
 
+def test_path_has_the_color_of_its_verdict(page: Page):
+    colors = []
+    for run_index in (0, 1):
+        page.open(run_index=run_index, t=2)
+        colors.append(page.color_at(1.15, 2.0))
+    assert colors == [[194, 84, 0], [0, 114, 178]]  # failed, passed
+
+
 def test_keys_move_the_clock(page: Page):
     page.open(t=0.5)
     for key, shift, shown in [
