@@ -4,6 +4,7 @@ import math
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -31,10 +32,10 @@ from vastflow.producers.model.configuration import Rejection
 from vastflow.producers.model.faults import NOT_EXECUTED, Location
 from vastflow.producers.model.producer import evaluate
 from vastflow.producers.places.ground import MapSearch
-from vastflow.producers.search.reading import read_search
+from vastflow.producers.search.reading import read_search, unknown_strategy
 from vastflow.producers.search.search import Search
 from vastflow.sim.model.digest import FileContent, Value
-from vastflow.sim.model.faults import Fault, FileError
+from vastflow.sim.model.faults import Fault, FileError, Problem
 from vastflow.sim.model.scenario import ProcessSetup
 
 __all__ = ["Campaign", "Family", "OracleRequest", "load_campaign", "oracle_requests"]
@@ -108,7 +109,7 @@ class Campaign:
             raise FileError(faults)
         return runs
 
-    def fault(self, location: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> Fault:
+    def fault(self, location: Location, what: Problem, right: str = "", at: Literal["key", "value"] = "value") -> Fault:
         """A fault at a place of the file that was found elsewhere, such as in an oracle's parameters."""
         return self.document.fault(location, what, right, at)
 
@@ -135,6 +136,11 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
         spec = CampaignSpec.model_validate(data)
     except ValidationError as error:
         faults += faults_of(document, (), CampaignSpec, error)
+        wrong = {detail["loc"][0] for detail in error.errors()}
+        with suppress(ValidationError):
+            spec = CampaignSpec.model_validate({key: part for key, part in data.items() if key not in wrong})
+        if "search" in wrong and isinstance(strategy := document.value(("search", "strategy")), str):
+            faults += unknown_strategy(document, strategy, Path(path).parent)
     abstract, abstract_faults = abstract_scenario_of(document, path.parent)
     programs, program_notes, program_faults = programs_of(document, path.parent, spec.execution, abstract or FROM_GOAL)
     faults += [*abstract_faults, *program_faults]
@@ -158,7 +164,8 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
         # What could not be read stands as nothing in the data, so the model complains of it a second time.
         places = {(fault.place.line, fault.place.column) for fault in document.faults}
         own = [fault for fault in faults if (fault.place.line, fault.place.column) not in places]
-        raise FileError([*document.faults, *own, *nav2.faults])
+        ignored = [note for note in (*notes, *reader.notes) if note.kind == "unknown key"]
+        raise FileError([*document.faults, *own, *nav2.faults, *ignored])
     if too_many := size_faults(document, families, spec.execution):
         raise FileError(too_many)
     notes += [document.note("not executed", where, NOT_EXECUTED, why) for where, why in unexecuted(spec)]
@@ -200,9 +207,9 @@ def _without_tolerated(document: Document) -> tuple[dict[str, Any], list[Fault]]
     for i, family in enumerate(families):
         tolerated = [key for key in family if is_tolerated_in_family(key)] if isinstance(family, dict) else []
         for key in tolerated:
-            right = f"execution.{key} is for all families" if key in ExecutionSpec.model_fields else ""
+            right = f"write 'execution.{key}', which is for all families" if key in ExecutionSpec.model_fields else ""
             kind: Literal["warning", "unknown key"] = "warning" if right else "unknown key"
-            notes.append(document.note(kind, ("configuration", i, key), "has no effect in a family", right))
+            notes.append(document.note(kind, ("configuration", i, key), f"{key!r} has no effect in a family", right))
             kept[i] = {key: value for key, value in kept[i].items() if key not in tolerated}
     return {**document.data, "configuration": kept}, notes
 
@@ -221,9 +228,9 @@ def _family_set_faults(document: Document) -> list[Fault]:
     raw = document.data.get("configuration")
     search = document.data.get("search")
     if raw and search:
-        return [document.fault(("search",), "search beside configuration", "one of the two", "key")]
+        return [document.fault(("search",), "a campaign with a configuration has no search", "remove one", "key")]
     if raw in (None, [], {}) and search is None:
-        return [document.fault(("configuration",), "an empty campaign", "a list of families, '- name: ...'", "key")]
+        return [document.fault(("configuration",), "the campaign is empty", "add a family, '- name: room'", "key")]
     faults: list[Fault] = []
     lines: dict[str, int] = {}
     for i, entry in enumerate(raw if isinstance(raw, list) else []):
@@ -234,10 +241,10 @@ def _family_set_faults(document: Document) -> list[Fault]:
         for other in lines:
             short, long = sorted((name, other), key=len)
             if name == other:
-                what, right = f"a second family {name!r}", f"another name; line {lines[name]} has it"
+                what, right = f"duplicate family {name!r}, the first is in line {lines[name]}", "choose another name"
             elif re.fullmatch(rf"{re.escape(short)}(-[0-9]+)*", long):  # as the other's configurations are called
                 what = f"{long!r} is also the name of a configuration of family {short!r}"
-                right = "a name that is not the other's with a number"
+                right = "choose a name that is not the other's with a number"
             else:
                 continue
             faults.append(document.fault(where, what, right))
@@ -264,7 +271,7 @@ def _oracle_faults(document: Document) -> list[Fault]:
         for name in [entry] if isinstance(entry, str) else entry if isinstance(entry, dict) else ():
             if name in seen:
                 where: Location = ("evaluation", "oracles", k, name)
-                faults.append(document.fault(where, f"a second oracle {name!r}", "one", "key"))
+                faults.append(document.fault(where, f"duplicate oracle {name!r}", "keep one of them", "key"))
             seen.add(name)
     return faults
 
@@ -286,8 +293,9 @@ def size_faults(document: Document, families: Sequence[Family], execution: Execu
         each = execution.runs.max if isinstance(execution.runs, Sequential) else execution.runs
         return runs_faults(document, total, execution, each)
     where = document.known(("configuration", asked.index(max(asked)), "variations"))
-    what = f"asks for {total:,} configurations" + (f", {max(asked):,} of them here" if max(asked) < total else "")
-    right = f"at most {permitted:,}, or 'execution: {{max_configurations: {total}}}'"
+    here = f", {max(asked):,} of them here" if max(asked) < total else ""
+    what = f"the campaign asks for {total:,} configurations{here}"
+    right = f"at most {permitted:,} are allowed, unless 'execution: {{max_configurations: {total}}}' permits more"
     return [document.fault(where, what, right, "key")]
 
 
@@ -296,8 +304,8 @@ def runs_faults(document: Document, configurations: int, execution: ExecutionSpe
     total = runs * configurations
     if total <= execution.max_runs:
         return []
-    what = f"asks for {total:,} runs, {runs:,} of each configuration"
-    right = f"at most {execution.max_runs:,}, or 'execution: {{max_runs: {total}}}'"
+    what = f"the campaign asks for {total:,} runs, {runs:,} of each configuration"
+    right = f"at most {execution.max_runs:,} are allowed, unless 'execution: {{max_runs: {total}}}' permits more"
     return [document.fault(document.known(("execution", "runs")), what, right, "key")]
 
 
@@ -330,6 +338,6 @@ def _of_family(campaign: Campaign, family: Family) -> Iterator[tuple[Fault, bool
             proved = [item for item in results if isinstance(item, Rejection) and UNPROVED not in item.reason]
             where = ("configuration", i, "variations", k, *entries[i]["variations"][k], "path_length")
             for item in proved:
-                what = f"rejects {each.parameters.num_paths} of family {family.name!r}: {item.reason}"
-                yield campaign.fault(where, what, "a length that the map has"), len(proved) == len(results)
+                what = f"{each.parameters.num_paths} configurations of family {family.name!r} are rejected"
+                yield campaign.fault(where, what, item.reason), len(proved) == len(results)
         written |= each.writes.keys()

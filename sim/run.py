@@ -202,7 +202,7 @@ def _tree(
 def _loaded(content: FileContent, key: str) -> OccupancyMap:
     occupancy = load_map(content.path)
     if occupancy.digest != content.digest:
-        raise ScenarioError(f"{key}: {content.path} changed since the campaign was read; run the campaign again")
+        raise ScenarioError(f"{key}: {content.path} changed since the campaign was read. Run the campaign again.")
     return occupancy
 
 

@@ -32,6 +32,12 @@ ODD_TEST = re.compile(
 """Openings of a test's name that are not the unit it is about."""
 MOST_PARTS = 14
 """Words of a test's name, `test` with them."""
+MAKES_A_FAULT = re.compile(
+    r"(?i)(fault|fail|note|error|invalid|unreadable|refused|rejection|message_of|did_you_mean|_wrong|got)$"
+)
+"""Names of calls whose texts become messages to the author of a file or the caller of a command."""
+FRAGMENT = re.compile(r"; (?!charset=|\{)")
+"""A clause behind a semicolon; a message says it in a sentence of its own."""
 FOUND_AND_RIGHT = re.compile(r"^(.*: )?found .+; ")
 """A message that names what was found first; ours say what was expected, and what was given."""
 
@@ -62,6 +68,28 @@ def texts_of(tree):
             yield "".join(part.value if isinstance(part, ast.Constant) else "{}" for part in node.values)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in inner:
             yield node.value
+
+
+def faults_in(tree):
+    """Yield the texts of what is raised and of calls that make faults, also of variables that carry them there."""
+    for function in ast.walk(tree):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        made = [node for node in ast.walk(function) if isinstance(node, ast.Raise) or makes_a_fault(node)]
+        carried = {name.id for node in made for name in ast.walk(node) if isinstance(name, ast.Name)}
+        for node in ast.walk(function):
+            if isinstance(node, ast.Assign) and any(
+                isinstance(name, ast.Name) and name.id in carried
+                for target in node.targets
+                for name in ast.walk(target)
+            ):
+                made.append(node.value)
+        yield from (text for node in made for text in texts_of(node))
+
+
+def makes_a_fault(node):
+    name = getattr(node.func, "attr", getattr(node.func, "id", "")) if isinstance(node, ast.Call) else ""
+    return bool(MAKES_A_FAULT.search(name))
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +144,11 @@ def test_message_states_expected_and_given_values(trees):
         f"{file}: {text}" for file, tree in trees.items() for text in texts_of(tree) if FOUND_AND_RIGHT.search(text)
     ]
     assert found == []
+
+
+def test_fault_is_told_in_sentences(trees):
+    found = {f"{file}: {text}" for file, tree in trees.items() for text in faults_in(tree) if FRAGMENT.search(text)}
+    assert sorted(found) == []
 
 
 def test_test_name_starts_with_unit():

@@ -11,7 +11,7 @@ def ui(
         list[Path] | None,
         typer.Argument(metavar="RESULTS", help="Folders of campaign directories. Default: results"),
     ] = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0 takes a free one.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1, or 0 for a free one.")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
 ) -> None:
     """Explore campaigns in the browser.

@@ -135,7 +135,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             raise HTTPException(400, "Expected two campaigns, got one twice.")
         for each in (before, after):
             if each.state != "finished":
-                raise HTTPException(409, f"{each.name} is {each.state}; expected a finished campaign.")
+                raise HTTPException(409, f"{each.name} is {each.state}. Expected a finished campaign.")
         margin, target = _margin(given.get("margin") or "2"), TARGETS.get(named := given.get("target", "these"))
         if target is None:
             raise HTTPException(400, f"Expected `these` or `others` as the target, got {named!r}.")

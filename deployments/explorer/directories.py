@@ -96,7 +96,7 @@ class Directories:
             for path in _below(root, DEEPEST):
                 if _id(final_of(path)) == id:
                     return self._at(path)
-        raise NoSuchCampaign("No campaign directory has this id; it may have been moved or removed.")
+        raise NoSuchCampaign("No campaign directory has this id. It may have been moved or removed.")
 
     def _at(self, path: Path) -> CampaignDirectory:
         return directory_at(path, self._read)

@@ -140,7 +140,7 @@ def facts_of(run: StoredRun, asked: str) -> dict[str, Any]:
     }
     if run.recording is None:
         facts |= {"outcome": "", "simulated_s": 0.0, "events": [], "behaviors": []}
-        return {**facts, "sentence": "This run was not recorded; the verdicts say why."}
+        return {**facts, "sentence": "This run was not recorded. The verdicts say why."}
     told = run.recording.run
     facts |= {
         **{name: getattr(told, name) for name in ("outcome", "reason", "simulated_s", "distance_m", "recoveries")},

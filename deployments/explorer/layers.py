@@ -60,9 +60,7 @@ def layers_of(recorded: RecordedRun) -> bytes:
     try:
         checked = checked_of(recorded.scenario)
         if checked.programs or checked.actions & PROCESSES.keys():
-            raise UnusableDirectory(
-                "The run's programs would be started again; `vastflow replay` does this when asked to."
-            )
+            raise UnusableDirectory("The run's programs would be started again. Use `vastflow replay` for this.")
         watched = Watched(round(recorded.scenario.timeout_s / TICK_S), recorded.recording.run.simulated_s)
         arguments = recorded.scenario, recorded.recording.run.run_index, recorded.seed
         executed = run(*arguments, watch=watched, watch_ticks=range(watched.ticks))

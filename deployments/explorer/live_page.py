@@ -93,7 +93,7 @@ def _fetch(folder: Path, campaign: CampaignDirectory, configuration: str, run_in
         request = RunRequest.model_validate({**asked, "campaign": values["file"], "results": str(place)})
     except (LookupError, ValidationError):
         raise UnusableDirectory(
-            f"{campaign.name}: its runs are shown when it has finished; expected a campaign that you began on this machine."
+            f"{campaign.name}: its runs are shown when it has finished. Campaigns that you began on this machine are shown before."
         ) from None
     command = python_command("vastflow.flows.run.stored", request.model_dump_json(), configuration, str(run_index + 1))
     try:
@@ -126,7 +126,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         campaign, name = directories.find(name_of(request, "c")), name_of(request, "configuration")
         run_index, executes = number_of(request, "run"), request.method == "POST"
         if campaign.state != "finished" and not executes:
-            raise UnusableDirectory(f"{campaign.name} has not finished; its live page opens its runs.")
+            raise UnusableDirectory(f"{campaign.name} has not finished. Its live page opens its runs.")
         shown = campaign if campaign.state == "finished" else previews.of(campaign, name, run_index)
         place = address("/run", c=shown.id, configuration=name, run=run_index)
         return JSONResponse({"address": place}) if executes else RedirectResponse(place, 303)

@@ -83,7 +83,7 @@ class Guard:
         has_cookie = _is_one_of(request.cookies.get(self._cookie, ""), (self._content(request),))
         if given is None and (has_cookie or request.url.path.startswith(OPEN)):
             return None
-        return self._refuse(request, 403, "Open the address that `vastflow ui` printed; it carries the token.")
+        return self._refuse(request, 403, "Open the address that `vastflow ui` printed. It carries the token.")
 
     def _content(self, request: Request) -> str:
         """Return the cookie of this server under the name and port that a request has."""

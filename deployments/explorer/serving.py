@@ -90,4 +90,4 @@ def listen(port: int) -> socket.socket:
     try:
         return socket.create_server((LOOPBACK, port))
     except OSError as error:
-        raise UserError(f"--port: {port} can't be used ({error.strerror}); expected a free port, or 0") from None
+        raise UserError(f"--port: {port} can't be used ({error.strerror}). Choose a free port, or 0") from None

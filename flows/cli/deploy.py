@@ -12,7 +12,7 @@ from vastflow.flows.cli.run import asked_request
 from vastflow.flows.request.run_request import NAMES, command_line
 from vastflow.flows.terminal.ending import FAULT
 from vastflow.flows.terminal.options import CampaignFile, Context, DryRun, asking
-from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.faults import UserError, message_of
 from vastflow.tasks.prefect.deployment import DATA, IMAGE, NAME, SHORT_DIGEST, PoolType
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from vastflow.tasks.prefect.deployment import Deployment
 
 NO_API: Final = (
-    "no API of Prefect is configured; start one by `prefect server start`, and name it by "
+    "No API of Prefect is configured. Start one by `prefect server start`, and name it by "
     "`prefect config set PREFECT_API_URL=http://127.0.0.1:4200/api`"
 )
 
@@ -33,13 +33,13 @@ def deploy(
     file: CampaignFile,
     asked: Mapping[str, Any],
     pool: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Work pool to run in; created if it does not exist.")
+        str | None, typer.Option(metavar="NAME", help="Work pool to run in, created if it does not exist.")
     ] = None,
     kind: Annotated[PoolType, typer.Option("--type", help="What the pool's workers start.")] = PoolType.process,
-    name: Annotated[str | None, typer.Option(help="Name of the deployment; default: that of the campaign.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the deployment (default: that of the campaign).")] = None,
     cron: Annotated[
         str | None,
-        typer.Option("--schedule", metavar="CRON", help="Schedule such as '0 2 * * *'; default: on request."),
+        typer.Option("--schedule", metavar="CRON", help="Schedule such as '0 2 * * *' (default: on request)."),
     ] = None,
     timezone: Annotated[str, typer.Option(help="Time zone of the schedule.")] = "UTC",
     image: Annotated[str, typer.Option(help="Image with vastflow, for docker and kubernetes.")] = IMAGE,
@@ -153,7 +153,7 @@ def _write_cluster(
         if name != SECRET_FILE or not (folder / name).exists():  # credentials are the user's
             (folder / name).write_text(content, encoding="utf-8")
     (folder / SECRET_FILE).chmod(0o600)
-    print(f"wrote {folder}; fill in {folder / SECRET_FILE}")
+    print(f"wrote {folder}, now fill in {folder / SECRET_FILE}")
     print(f"once: kubectl apply -f {folder / 'namespace.yaml'}, and with Kueue also -f {folder / 'queues.yaml'}")
     print(f"then: kubectl apply -k {folder}")
     followed = f"{containers.name}-runner" if operator else f"job/{containers.name} -c campaign"
@@ -168,7 +168,7 @@ def _place(file: Path, kind: PoolType) -> str:
         return file.resolve().relative_to(Path.cwd()).as_posix()
     except ValueError:
         raise UserError(
-            f"{file}: expected a path below {Path.cwd()}; call this from the folder that the image is built from"
+            f"{file}: Expected a path below {Path.cwd()}. Call this from the folder that the image is built from."
         ) from None
 
 
@@ -186,7 +186,7 @@ def _check_schedule(deployment: "Deployment") -> None:
     zones = sorted(available_timezones())
     if deployment.timezone not in zones:
         hint = did_you_mean(deployment.timezone, zones)
-        raise UserError(f"--timezone: expected a time zone, got {deployment.timezone!r}; {hint}")
+        raise UserError(f"--timezone: {message_of(f'unknown time zone {deployment.timezone!r}', hint)}")
 
 
 def _print(deployment: "Deployment", kind: PoolType) -> None:
@@ -231,12 +231,12 @@ def _register(deployment: "Deployment", kind: PoolType) -> None:
                 if isinstance(unhealthy := client.api_healthcheck(), httpx.ConnectError):
                     say(f"does not answer: {unhealthy}")
                     raise typer.Exit(FAULT)
-            busy = f"is busy; trying again for up to {patience}"
+            busy = f"is busy, trying again for up to {patience}"
             found, is_new = retry.retried(registered, retry.IN_BETWEEN_S, missed=lambda _: say(busy))
     except (httpx.TransportError, PrefectHTTPStatusError) as error:
-        say(f"was busy for {patience}; deploy again later" if retry.is_away(error) else f"did not take it: {error}")
+        say(f"was busy for {patience}. Deploy again later" if retry.is_away(error) else f"did not take it: {error}")
         raise typer.Exit(FAULT) from None
     pool = deployment.pool
-    print(f"{'made' if is_new else 'found'} the work pool {pool}; start a worker: prefect worker start --pool {pool}")
+    print(f"{'made' if is_new else 'found'} the work pool {pool}, start a worker: prefect worker start --pool {pool}")
     print(f"{campaign.name}/{deployment.name}: {url.removesuffix('/api')}/deployments/deployment/{found}")
     print(f"run it: prefect deployment run '{campaign.name}/{deployment.name}'")

@@ -23,7 +23,7 @@ def export(
         list[str] | None,
         typer.Option(
             metavar="PATTERN",
-            help="Families and configurations to export, such as 'room*'; may be repeated.",
+            help="Families and configurations to export, such as 'room*' (may be repeated).",
             autocompletion=configuration_names,
         ),
     ] = None,
@@ -40,7 +40,7 @@ def export(
             said_s = time.monotonic()
             print(f"{done} of {of} configurations exported", file=sys.stderr)
 
-    with Interruptible(f"interrupted; {folder} is as it was"):
+    with Interruptible(f"Interrupted. {folder} is as it was."):
         from vastflow.flows.export.export import export as lay_out
         from vastflow.flows.results.address import at_hand, check_directory
 

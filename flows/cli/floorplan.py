@@ -17,7 +17,7 @@ from vastflow.sim.model.faults import UserError
 floorplan = command_group("Draw floor plans (.fpm) and their variations (.variation).")
 
 PlanArgument = Annotated[Path, typer.Argument(metavar="FILE.fpm", help="Floor plan.")]
-Out = Annotated[Path, typer.Option(help="Folder to write to; created if it does not exist.")]
+Out = Annotated[Path, typer.Option(help="Folder to write to, created if it does not exist.")]
 
 
 @floorplan.command()
@@ -66,7 +66,7 @@ def variations(
     out: Out,
     count: Annotated[int, typer.Option(min=1, help="Number of variations.")] = 1,
     seed: Annotated[
-        int, typer.Option(min=0, help="Seed of the first variation; the others have the next numbers.")
+        int, typer.Option(min=0, help="Seed of the first variation. The others have the next numbers.")
     ] = 0,
 ) -> None:
     """Draw variations of a floor plan.

@@ -19,7 +19,7 @@ _TEMPLATE: Final = Path(__file__).with_name("random_paths.vast.j2")
 
 
 def init(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to write to; created if it does not exist.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to write to, created if it does not exist.")],
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="MAP.yaml", help="Map of map_server, for random paths on it.")
     ] = None,
@@ -47,13 +47,13 @@ def init(
     else:
         written = {name: _random_paths(folder, map_file, nav2_params, command).encode()}
     if taken := [str(folder / each) for each in written if os.path.lexists(folder / each)]:
-        raise UserError(f"{', '.join(taken)}: there already; name another folder")
+        raise UserError(f"{', '.join(taken)}: There already. Name another folder.")
     for each, content in written.items():
         place = folder / each
         with writing(place):
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(content)
-    print(f"wrote {campaign}{' and its map' if map_file is None else ''}; run it:")
+    print(f"wrote {campaign}{' and its map' if map_file is None else ''}, now run it:")
     print(f"vastflow run {command}")
 
 

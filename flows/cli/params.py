@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from vastflow.flows.terminal.options import AsJson
+from vastflow.sim.model.faults import message_of
 
 if TYPE_CHECKING:
     from vastflow.sim.nav2.parameter_files.findings import Finding
@@ -113,7 +114,7 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
     for fault in refusals(found):
         print(f"Nav2 does not start: {fault}")
     for path, (what, consequence) in found.reader.warnings.items():
-        print(f"warning: {short(path)}: {what}; {consequence}")
+        print(f"warning: {short(path)}: {message_of(what, consequence)}")
     print(f"{len(left_out(found)):>4}  more are modeled, with the defaults of Nav2's code")
     if rows_left_out := omitted(found):
         print("\nleft out, and not in Nav2's code as in Jazzy's file or as built in:")
@@ -145,7 +146,7 @@ def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[s
     release, name = guessed_release(found.document)
     print(f"release: Nav2 {release.title()}, {f'the first with {name!r}' if name else 'as nothing in it is newer'}")
     for change in changes_since_jazzy(found.document, {*found.reader.kinds.values()}):
-        print(f"differs: since {change.since.title()} {change.words} ({change.source}); {change.here} here")
+        print(f"differs: since {change.since.title()} {change.words} ({change.source}), but {change.here} here")
     print(f"commands: {command_chain(found.document, found.left_away)}")
     for chain in filter_chains(found.reader):
         print(f"filter: {chain}")

@@ -27,7 +27,7 @@ def plan(
     pictures: Annotated[int, typer.Option(min=0, metavar="N", help="Draw the first N configurations.")] = 0,
     out: Out = None,
     since: Annotated[
-        Path | None, typer.Option(metavar="RESULTS", help="Campaign to compare with; default: the newest earlier one.")
+        Path | None, typer.Option(metavar="RESULTS", help="Campaign to compare with (default: the newest earlier one).")
     ] = None,
     trust: Trust = False,
     as_json: AsJson = False,

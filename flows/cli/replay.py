@@ -53,10 +53,10 @@ def replay(
     configuration: ConfigurationName,
     run: Annotated[int, typer.Argument(metavar="RUN", help="Index of a run, from 0.", min=0)],
     at: Annotated[
-        list[float] | None, typer.Option(metavar="S", help="Simulated time to draw; may be repeated.")
+        list[float] | None, typer.Option(metavar="S", help="Simulated time to draw (may be repeated).")
     ] = None,
     every: Annotated[
-        float | None, typer.Option(metavar="S", help="Seconds between pictures; with --film, of the film.")
+        float | None, typer.Option(metavar="S", help="Seconds between pictures (with --film: of the film).")
     ] = None,
     since: Annotated[float | None, typer.Option("--from", metavar="S", help="First time to draw.")] = None,
     until: Annotated[float | None, typer.Option("--to", metavar="S", help="Last time to draw.")] = None,
@@ -87,8 +87,8 @@ def replay(
     with reading(results):
         recorded = recorded_run(results, configuration, run)
     if not recorded.recording.columns:
-        where = f"what its programs wrote is in outputs/{recorded.configuration}.zip"
-        raise UnusableDirectory(f"{results}: {configuration} has no robot, so there is nothing to draw; {where}")
+        where = f"What its programs wrote is in outputs/{recorded.configuration}.zip."
+        raise UnusableDirectory(f"{results}: {configuration} has no robot, so there is nothing to draw. {where}")
     asked = _asked(recorded, at or [], every, since, until, film is not None)
     with writing(folder, "--out"):
         (folder / FRAMES).mkdir(parents=True, exist_ok=True)
@@ -99,7 +99,7 @@ def replay(
         recorded.metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE), recorded.scenario.system
     )
     for words in differs:
-        print(f"{title}: {words}; the run executed here may differ", file=sys.stderr)
+        print(f"{title}: {words}, so that the run executed here may differ", file=sys.stderr)
     with executing(results, trust, code=needs_code(recorded)), Interruptible("interrupted"):
         try:
             replayed, ticks = _executed(recorded, asked)
@@ -151,9 +151,7 @@ def _asked(
     if every_s is not None and not filmed:
         strip |= {*regular}
     if len(strip) > MOST:
-        raise UserError(
-            f"{len(strip)} pictures are too many for a strip, which has {MOST} at the most; --film makes a film"
-        )
+        raise UserError(f"{len(strip)} pictures are too many for a strip of at most {MOST}. Use --film for a film.")
     given = [*(("--at", t_s) for t_s in at_s), ("--every", every_s), ("--from", from_s), ("--to", to_s)]
     notes = [note for option, t_s in given if t_s is not None for note in rounded(option, [t_s])]
     last = None if to_s is None else span.last

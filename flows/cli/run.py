@@ -133,7 +133,7 @@ def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = Fals
         print(f"{summary.executed} runs executed, {summary.reused} from the store, in {duration_text(summary.wall_s)}")
         print(report_line(found.directory))
         if is_address(summary.results):
-            print(f"uploaded to {summary.results}; the local copy stays for a day")
+            print(f"uploaded to {summary.results} (the local copy stays for a day)")
     if open_report and not os.environ.get("CI"):
         import webbrowser
 
@@ -149,7 +149,7 @@ def computing(forced: bool = False) -> "Iterator[Display]":
     """Show the progress of the body; after an interrupt or a lost API, print the command that resumes."""
     without = " without --force" * forced
     going_on = f"`{shlex.join(['vastflow', *sys.argv[1:]])}`{without} again computes only what is missing"
-    with Interruptible(f"interrupted; {going_on}") as interruptible:
+    with Interruptible(f"Interrupted. {going_on}.") as interruptible:
         from vastflow.flows.terminal.display import Display
 
         with Display() as display:
@@ -161,10 +161,10 @@ def computing(forced: bool = False) -> "Iterator[Display]":
             try:
                 yield display
             except CampaignStopped as stopped:
-                display.close(f"{stopped}; {going_on}")
+                display.close(f"{stopped}. {going_on}.")
                 raise typer.Exit(INTERRUPTED) from None
             except (PrefectUnavailable, ClusterError) as error:
-                display.close(f"{error}; {going_on}")
+                display.close(f"{error} {going_on}.")
                 raise typer.Exit(FAULT) from None
 
 
@@ -178,17 +178,17 @@ def _directory(results: Path) -> Path:
     half = left_behind(results)
     if half is not None and (half == results or not results.exists()):
         if writer := writer_of(half):
-            raise UnusableDirectory(f"{half}: process {writer} is writing it; wait for it or end it first")
+            raise UnusableDirectory(f"{half}: Process {writer} is writing it. Wait for it or end it first.")
         if not all((half / name).is_file() for name in ("campaign.vast", "metadata.json")):
             raise UnusableDirectory(
-                f"{half}: incomplete campaign directory; `vastflow run` with the campaign file computes only what is missing"
+                f"{half}: The campaign directory is incomplete. Give `vastflow run` the campaign file: only what is missing is computed."
             )
         print(f"{half} was left incomplete by a killed process", file=sys.stderr)
         return half
     if not results.exists():
         raise UnusableDirectory(
-            f"{results}: no such folder; `vastflow run` with the campaign file of an interrupted campaign computes only "
-            "what is missing"
+            f"{results}: No such folder. Give `vastflow run` the campaign file of an interrupted campaign: only what is "
+            "missing is computed."
         )
     check_directory(results)
     return results

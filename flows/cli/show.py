@@ -31,7 +31,7 @@ def show(
         bool, typer.Option("--coverage", help="Show how much of the requested test space was realized instead.")
     ] = False,
     follow: Annotated[
-        bool, typer.Option("--follow", help="Show a running campaign until it ends; default: the newest in results.")
+        bool, typer.Option("--follow", help="Show a running campaign until it ends (default: the newest in results).")
     ] = False,
     lineage: Annotated[
         bool,
@@ -56,7 +56,7 @@ def show(
         _follow(Path(results or _RESULTS), as_json)
         return
     if not results:
-        raise UserError("RESULTS: expected a campaign directory; only --follow finds one itself")
+        raise UserError("RESULTS: Name a campaign directory. Only --follow finds one itself.")
     from vastflow.flows.plan.text import coverage_text
     from vastflow.flows.results.address import WITHOUT_RUNS, at_hand, check_directory
     from vastflow.flows.terminal.display import printed
@@ -103,7 +103,7 @@ def _follow(results: Path, as_json: bool) -> None:
     from vastflow.oracles.results.events import follow
 
     directory = followed_directory(results)
-    with Interruptible("interrupted; the campaign goes on"), reading(directory):
+    with Interruptible("Interrupted. The campaign goes on."), reading(directory):
         followed = FollowedCampaign()
         if as_json:
             for followed.last in follow(directory):
@@ -130,4 +130,4 @@ def _follow(results: Path, as_json: bool) -> None:
 def report_line(results: Path, place: str | None = None) -> str:
     """Return the path of the report, if any, at the `place` that `results` is a copy of."""
     where = place or str(results)
-    return f"report: {where}/report.html" if (results / "report.html").exists() else f"no report; tables: {where}"
+    return f"report: {where}/report.html" if (results / "report.html").exists() else f"no report, but tables: {where}"

@@ -22,7 +22,7 @@ store = command_group("Inspect, verify, and clean the store, where results are c
 
 StoreOption = Annotated[
     str | None,
-    typer.Option("--store", help="Store: a folder or an address; default: $VASTFLOW_STORE or the user's cache."),
+    typer.Option("--store", help="Store: a folder or an address (default: $VASTFLOW_STORE or the user's cache)."),
 ]
 
 
@@ -62,7 +62,7 @@ def verify(
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    with Interruptible("interrupted; nothing more is discarded"), ThreadPoolExecutor(8) as readers:
+    with Interruptible("Interrupted. Nothing more is discarded."), ThreadPoolExecutor(8) as readers:
         opened = _opened(place, read_only=not repair)
         holdings = [holding for holding in opened.holdings() if holding.whole]
         keys = [holding.key for holding in holdings]
@@ -76,7 +76,7 @@ def verify(
     else:
         for key, fault in faults.items():
             print(f"{key}: {fault}")
-        discarded = "; deleted, to be computed again" if repair and faults else ""
+        discarded = ", deleted to be computed again" if repair and faults else ""
         print(f"{count_text(len(holdings), 'artifact')} read, {len(faults)} damaged{discarded}")
     if faults and not repair:
         raise typer.Exit(1)
@@ -88,11 +88,11 @@ def gc(
         list[Path] | None,
         typer.Option(
             metavar="RESULTS",
-            help="Campaign directory, or folder of them, whose artifacts are kept; may be repeated.",
+            help="Campaign directory, or folder of them, whose artifacts are kept (may be repeated).",
         ),
     ] = None,
     older_than: Annotated[
-        int | None, typer.Option(metavar="DAYS", min=1, help="Delete only artifacts that are older; default: 1.")
+        int | None, typer.Option(metavar="DAYS", min=1, help="Delete only artifacts that are older (default: 1).")
     ] = None,
     dry_run: DryRun = False,
     place: StoreOption = None,
@@ -111,7 +111,7 @@ def gc(
             check_directory(folder, "--keep")
             inside = [folder]
         directories += inside
-    with Interruptible("interrupted; deleted artifacts are computed again when they are needed"):
+    with Interruptible("Interrupted. Deleted artifacts are computed again when they are needed."):
         opened = _opened(place, read_only=dry_run)
         from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
 

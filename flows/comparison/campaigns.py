@@ -30,6 +30,7 @@ from vastflow.oracles.statistics.comparison import (
 )
 from vastflow.oracles.statistics.intervals import needed
 from vastflow.producers.campaign_file.document import Document, read_document
+from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS
 from vastflow.sim.nav2.parameter_files.document import read_document as read_parameters
@@ -217,7 +218,7 @@ class Gate:
                 enough = (
                     f"no number of {noun}s is enough" if least is None else f"it takes {least:,}, even without a change"
                 )
-                return f"gate can't be claimed: {few}; {enough}"
+                return f"gate can't be claimed: {few}, {enough}"
             case "new faults":
                 why = f"{count_text(self.new_faults, 'new fault')} in B, whose runs could not be judged"
             case "unequal":
@@ -233,7 +234,7 @@ class Gate:
             case "not ruled out":
                 why = f"{loss} in {about} is not ruled out {end}"
                 if self.target == "these" and self.needed is not None and self.whole.pairs < self.needed:
-                    why += f"; it takes {self.needed:,} pairs without a change"
+                    why += f", and it takes {self.needed:,} pairs without a change"
         return f"gate does not hold: {why}"
 
     @property
@@ -281,8 +282,8 @@ def compared(
     """
     pairing = pairing_of(before, after)
     if oracle is not None and oracle not in pairing.oracles:
-        hint = did_you_mean(oracle, pairing.oracles, "both have none", listed="both have")
-        raise UnusableDirectory(f"--oracle: expected an oracle that judged both campaigns, got {oracle!r}; {hint}")
+        hint = did_you_mean(oracle, pairing.oracles, "both have none")
+        raise UnusableDirectory(f"--oracle: {message_of(f'no oracle {oracle!r} judged both campaigns', hint)}")
     pairs = pairing.pairs(oracle)
     whole = difference(pairs, target)
     if whole is None:
@@ -330,7 +331,7 @@ def _why(pairing: Pairing) -> str:
         return "no oracle judged both"
     if not len(pairing.configuration):
         return (
-            f"expected equal seeds, got {len(pairing.matches)} common configurations without a common seed; "
-            "`execution.seed` must be the same"
+            f"the {len(pairing.matches)} common configurations have no common seed. Give both campaigns the same "
+            "`execution.seed`."
         )
     return f"no run of {len(pairing.configuration)} pairs was judged both times"

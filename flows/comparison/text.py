@@ -175,7 +175,7 @@ def _changes(found: Compared, title: str, changes: Sequence[Change], most: int) 
 
 def _more(left: int) -> Iterator[Text]:
     if left > 0:
-        yield Text(f"and {left:,} more; --json lists all", "dim")
+        yield Text(f"and {left:,} more (--json lists all)", "dim")
 
 
 def _levels(found: Compared) -> Table:

@@ -22,7 +22,7 @@ from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.archive import unpacked
 from vastflow.sim.model.blocks import read_block
-from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.model.files import copy_file, files_below, open_file, yaml_value
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.pose import pose_of
@@ -197,8 +197,8 @@ def export(
     for pattern in only:
         if not any(_fits(row, pattern) for row in rows):
             names = list(dict.fromkeys(name for row in rows for name in (row["family"], row["name"])))
-            hint = did_you_mean(pattern, names, "it has none", listed="it has")
-            raise UnusableDirectory(f"{results}: no family or configuration matches {pattern!r}; {hint}")
+            hint = did_you_mean(pattern, names, "it has none")
+            raise UnusableDirectory(f"{results}: {message_of(f'no family or configuration matches {pattern!r}', hint)}")
     chosen = [row for row in rows if not only or any(_fits(row, pattern) for pattern in only)]
     suites = []
     with _filled(folder) as place:

@@ -117,11 +117,11 @@ class FlowCall:
                 except Exception as error:  # what a flow raises is in its state: this is of Prefect itself
                     LOGGER.warning("Prefect's API failed the flow", exc_info=True)
                     said = redacted(" ".join(str(error).split()))[:200] or type(error).__name__
-                    where, help_ = "embedded API", f"see {self._log}"
+                    where, help_ = "embedded API", f"See {self._log}"
                     if configured:
                         where = f"API at {redacted(configured)}"
-                        help_ = "start it (`prefect server start`), or unset PREFECT_API_URL"
-                    unavailable = PrefectUnavailable(f"Prefect's {where} failed ({said}); {help_}")
+                        help_ = "Start it (`prefect server start`), or unset PREFECT_API_URL"
+                    unavailable = PrefectUnavailable(f"Prefect's {where} failed ({said}). {help_}")
                     if done():
                         self._tally.notice(f"all is computed, but Prefect's pages do not show the end: {unavailable}")
                         return

@@ -23,7 +23,7 @@ from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.faults import FileError, complaint
+from vastflow.sim.model.faults import FileError, message_of
 from vastflow.sim.model.files import copy_file, files_below
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
@@ -79,7 +79,7 @@ class CandidateFiles:
             campaign, oracles = read_campaign(file)
             made = instantiate(campaign)
         except FileError as error:
-            raise NotBuilt(complaint(error.faults[0].problem, error.faults[0].expected)) from None
+            raise NotBuilt(message_of(error.faults[0].problem, error.faults[0].expected)) from None
         if not made.configurations:
             raise NotBuilt(made.rejections[0].reason if made.rejections else "it has no configuration")
         return BuiltCandidate(campaign, oracles, made.configurations[0], text)

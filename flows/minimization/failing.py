@@ -16,7 +16,7 @@ from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.model.files import read_bytes, read_json, yaml_value
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import Scenario
@@ -94,8 +94,8 @@ def _missing(directory: Path, name: str, known: list[str]) -> NotMinimized:
         gone.setdefault(row["name"], f"which the constraint {row['constraint']} excludes")
     if name in gone:
         return NotMinimized(f"{directory}: expected a configuration that fails, got {name}, {gone[name]}")
-    hint = did_you_mean(name, known, "it has none", listed="it has")
-    return NotMinimized(f"{directory}: no configuration {name!r}; {hint}")
+    hint = did_you_mean(name, known, "it has none")
+    return NotMinimized(f"{directory}: {message_of(f'unknown configuration {name!r}', hint)}")
 
 
 def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float) -> str:
@@ -107,7 +107,7 @@ def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float)
         said.setdefault(row["oracle"], []).append(row["judgement"])
     if oracle is not None and oracle not in said:
         hint = did_you_mean(oracle, list(said))
-        raise NotMinimized(f"--oracle: expected an oracle that judged {name}, got {oracle!r}; {hint}")
+        raise NotMinimized(f"--oracle: {message_of(f'no oracle {oracle!r} judged {name}', hint)}")
     judged = {each: [what for what in of if what != "not judged"] for each, of in said.items()}
     rates = {each: of.count("fail") / len(of) for each, of in judged.items() if of and oracle in (None, each)}
     worst = max(rates, key=lambda each: rates[each], default="")
@@ -121,7 +121,7 @@ def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float)
     by = f" by {worst}" if oracle or len(rates) > 1 else ""
     failed, runs = judged[worst].count("fail"), len(judged[worst])
     what = f"expected a failure rate of {rate:g} or more, got {failed} of {runs} runs{by}"
-    raise NotMinimized(f"{directory}: {name}: {what}; give --rate or another configuration")
+    raise NotMinimized(f"{directory}: {name}: {what}. Give --rate or another configuration.")
 
 
 def _subject(place: str, scenario: Scenario) -> Subject:

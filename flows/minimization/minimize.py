@@ -238,7 +238,7 @@ def minimize_configuration(
             executed = run.tally.progress().executed
         if isinstance(found, Unconfirmed):
             raise NotMinimized(
-                f"{failing.directory}: {failing.name} {found.text}; give another configuration or a lower --rate"
+                f"{failing.directory}: {failing.name} {found.text}. Give another configuration or a lower --rate."
             )
         after = files.built(found.candidate, trials.used[found.candidate], comment_of(failing, found))
         picture = before_and_after(before.configuration, after.configuration)

@@ -65,7 +65,7 @@ class Estimate:
         """The assumptions, in one sentence."""
         return (
             f"each run its path at {MEAN_SPEED_MPS:g} m/s, {self.timeout_s:g} s at most, {count_text(self.cores, 'core')} "
-            f"of {TIMES_REAL_TIME:g} times real time each; without Prefect's start and compilation"
+            f"of {TIMES_REAL_TIME:g} times real time each, without Prefect's start and compilation"
         )
 
 
@@ -172,9 +172,9 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     campaign, oracles = read_campaign(Path(request.campaign), map_dir, strict=request.strict)
     if campaign.search is not None:
         words = plan_text(campaign.search.spec, campaign.runs, at_most=campaign.sequential is not None)
-        what = f"what a search proposes follows from its runs; it is a {words}"
+        what = f"the results of a search determine its next proposals: it is a {words}"
         raise FileError(
-            [campaign.fault(("search",), what, "vastflow run, which goes on from what the store has", "key")]
+            [campaign.fault(("search",), what, "use vastflow run, which goes on from what the store has", "key")]
         )
     name = campaign_name(campaign)
     past = newest_past(Path(request.results), name) if since is None else past_of(since)

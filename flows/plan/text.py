@@ -95,8 +95,8 @@ def plan_text(plan: Plan, *, why: bool = False, coverage: bool = False) -> Itera
         yield Text(f"a sample of {len(plan.distinct):,} of {plan.sampled_from:,} distinct configurations")
     if plan.least is not None:
         yield Text(
-            f"runs at most: a configuration has {plan.least} to {plan.runs}, and ends when its class is decided; "
-            "maybe less is computed"
+            f"runs at most: a configuration has {plan.least} to {plan.runs}, and ends when its class is decided, "
+            "so that less may be computed"
         )
     for each in plan.robots:
         yield Text(f"{', '.join(each['families'])}: {'; '.join(each['robot'])}", "dim")
@@ -128,9 +128,9 @@ def _why_text(plan: Plan) -> Iterator[RenderableType]:
         subjects = ", ".join(list(why.subjects)[:MOST_SUBJECTS]) + (f" and {more} more" if more > 0 else "")
         yield Text(f"{why.stage} {count_text(why.amount, UNITS[why.stage])} of {subjects}: {why}")
     if len(reasons) > MOST_REASONS:
-        yield Text(f"and {len(reasons) - MOST_REASONS} more reasons; --json has all", "dim")
+        yield Text(f"and {len(reasons) - MOST_REASONS} more reasons (--json has all)", "dim")
     if len(reasons) < len(due):
-        yield Text("what is computed anew is observed and judged; a run that comes out as before keeps both", "dim")
+        yield Text("what is computed anew is observed and judged, but a run that comes out as before keeps both", "dim")
 
 
 def coverage_text(coverage: Coverage, *, details: bool = True) -> Iterator[RenderableType]:
@@ -150,7 +150,7 @@ def coverage_text(coverage: Coverage, *, details: bool = True) -> Iterator[Rende
         yield ""
         yield _covered_table("pair of producers", listed[:MOST_PAIRS])
         if rest := len(listed) - len(listed[:MOST_PAIRS]) + pairs_not_listed(coverage):
-            yield Text(f"and {rest:,} more pairs; --json lists more", "dim")
+            yield Text(f"and {rest:,} more pairs (--json lists more)", "dim")
 
 
 def _covered_table(what: str, rows: Sequence[Covered]) -> Table:
@@ -185,4 +185,4 @@ def _lost(title: str, rows: list[Loss]) -> Iterator[RenderableType]:
         table.add_row(f"{row.times:,} ×", row.family, row.by, row.reason)
     yield from ("", Text(title, "bold"), table)
     if rest := rows[MOST_LOSSES:]:
-        yield Text(f"and {sum(row.times for row in rest):,} more for {len(rest):,} other reasons; see --json", "dim")
+        yield Text(f"and {sum(row.times for row in rest):,} more for {len(rest):,} other reasons (see --json)", "dim")

@@ -17,6 +17,7 @@ from vastflow.flows.results.results import write_json
 from vastflow.flows.results.summary import Results
 from vastflow.producers.campaign_file.postprocessing import CONFIG, ProcessingStep
 from vastflow.sim.model.digest import file_digest
+from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.files import copy_file, read_json
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.process import own_environment, python_command
@@ -73,7 +74,7 @@ def _each(steps: Sequence[ProcessingStep], base: Path, copy: "_Copy") -> Iterato
         if step.instead:
             yield Processed(step.name, "recorded" if step.kind == "recorded" else "not executed", step.instead)
             continue
-        said = Processed(step.name, "failed", step.complaint(base) or "", step.parameters)
+        said = Processed(step.name, "failed", message_of(*(step.complaint(base) or ("", ""))), step.parameters)
         if said.message:
             yield said
             continue

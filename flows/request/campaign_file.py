@@ -14,7 +14,7 @@ from vastflow.oracles.judgement.registry import OracleError, oracle_of, oracles_
 from vastflow.producers.campaign import Campaign, OracleRequest, load_campaign, oracle_requests
 from vastflow.producers.campaign_file.document import Document, read_document
 from vastflow.producers.campaign_file.spec import EvaluationSpec
-from vastflow.producers.model.faults import AS_DRAWN, Location
+from vastflow.producers.model.faults import Location
 from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
@@ -46,11 +46,11 @@ def terminal_lines(notes: Sequence[Fault]) -> Iterator[str]:
 def _rest(note: Fault) -> str:
     """Name the kind of hidden notes and the command that shows them; empty if always shown."""
     if note.kind == "not modeled":
-        return f"that are not modeled; `vastflow params {note.place.file}` shows them all"
-    if note.place.file.endswith((".fpm", ".fpm2")) and note.problem.startswith(AS_DRAWN):
-        return "warnings of its variations; `vastflow floorplan variations` shows them all"
+        return f"that are not modeled (`vastflow params {note.place.file}` shows them all)"
+    if note.kind == "drawn":
+        return "warnings of its variations (`vastflow floorplan variations` shows them all)"
     if note.place.file.endswith((".fpm", ".fpm2")):
-        return f"warnings; `vastflow floorplan geometry {note.place.file}` shows them all"
+        return f"warnings (`vastflow floorplan geometry {note.place.file}` shows them all)"
     return ""
 
 
@@ -80,7 +80,7 @@ def read_campaign(
     requests = [(request.name, request.parameters) for request in campaign.oracles]
     oracles = oracles_of(requests, campaign.path.parent)
     unknown = [note for note in campaign.notes if strict and note.kind == "unknown key"]
-    faults = [Fault(note.place, note.problem, "no such key, with --strict") for note in unknown]
+    faults = [replace(note, kind="error") for note in unknown]
     if faults := [*faults, *_quantity_faults(campaign, oracles)]:
         raise FileError(faults)
     return replace(campaign, notes=(*campaign.notes, *_hidden(campaign, oracles))), oracles
@@ -96,8 +96,8 @@ def _hidden(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iterator[Faul
     base = campaign.path.parent
     for hidden in dict.fromkeys(each for snapshot in snapshots if snapshot is not None for each in snapshot.hidden):
         file = base / os.path.relpath(hidden.file, base)
-        what = f"{hidden.what} is in no key: an edit of it goes unnoticed"
-        yield Fault(Place(str(file), hidden.line, 1, hidden.name), what, "a parameter is noticed", "warning")
+        what = f"{hidden.what} is in no key, so that an edit of it goes unnoticed"
+        yield Fault(Place(str(file), hidden.line, 1, hidden.name), what, "use a parameter in its place", "warning")
 
 
 def _faults(requests: Iterable[OracleRequest], document: Document, base: Path) -> Iterator[Fault]:
@@ -107,7 +107,7 @@ def _faults(requests: Iterable[OracleRequest], document: Document, base: Path) -
         except OracleError as error:
             for fault in error.faults:
                 where = (*request.location, *fault.location)
-                yield document.fault(where, fault.what, fault.right, "value" if fault.location else "key")
+                yield document.fault(where, fault.problem, fault.expected, "value" if fault.location else "key")
 
 
 def _quantity_faults(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iterator[Fault]:
@@ -120,7 +120,7 @@ def _quantity_faults(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iter
             what = f"no oracle {each.oracle!r} judges this campaign"
             yield campaign.fault((*where, "oracle"), what, did_you_mean(each.oracle, metrics))
         elif each.oracle is not None and each.metric is not None and each.metric not in metrics[each.oracle]:
-            right = did_you_mean(each.metric, metrics[each.oracle], "it has none")
+            right = did_you_mean(each.metric, metrics[each.oracle], "it measures none")
             yield campaign.fault((*where, "metric"), f"no metric {each.metric!r} of oracle {each.oracle}", right)
 
 
@@ -165,7 +165,7 @@ def open_campaign(path: str | os.PathLike[str], store: str | os.PathLike[str] | 
         raise FileError(campaign.unexecutable)
     if campaign.search is not None:
         what = "a search proposes its configurations by what their runs come to"
-        raise FileError([campaign.fault(("search",), what, "vastflow run, which has all stages", "key")])
+        raise FileError([campaign.fault(("search",), what, "use vastflow run, which has all stages", "key")])
     return OpenCampaign(campaign, oracles, open_store(store))
 
 

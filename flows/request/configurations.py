@@ -57,15 +57,14 @@ def narrowed(
             found = selected(found, only)
         except UnknownName as error:
             why = next((str(fault) for fault in faults if fault.concerns(error.name)), None)
-            right = "a family that can be made" if why else did_you_mean(error.name, error.known)
+            right = "" if why else did_you_mean(error.name, error.known)
             raise FileError([Fault(Place(file, 1, 1, "only"), why or str(error), right)]) from None
         faults = tuple(fault for fault in faults if any(map(fault.concerns, only)))
     if sample is not None:
         found = sampled(found, sample, seed)
     if not found.configurations and not faults:
         raise FileError(
-            Fault(Place(file, 1, 1, "configuration"), f"nothing to run: {why}", "a requirement that can be met")
-            for why in requirements(found)
+            Fault(Place(file, where="configuration"), "there is nothing to run", why) for why in requirements(found)
         )
     return Instantiated(found, faults)
 

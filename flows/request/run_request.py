@@ -33,16 +33,16 @@ class RunRequest(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     campaign: Annotated[Text, OnCommandLine("FILE")] = Field(description="Campaign file.")
-    runs: OneOrMore | None = Field(None, description="Runs per configuration; default: as in the file.")
+    runs: OneOrMore | None = Field(None, description="Runs per configuration (default: as in the file).")
     results: Text = Field(
         "results", description="Folder or address, such as s3://bucket/prefix, for campaign directories."
     )
     store: Text | None = Field(
-        None, description="Store: a folder or an address; default: $VASTFLOW_STORE or the user's cache."
+        None, description="Store: a folder or an address (default: $VASTFLOW_STORE or the user's cache)."
     )
-    workers: OneOrMore | None = Field(None, description="Worker processes; default: one per core.")
+    workers: OneOrMore | None = Field(None, description="Worker processes (default: one per core).")
     only: Annotated[tuple[Text, ...], OnCommandLine("NAME")] = Field(
-        (), description="Run only this family or configuration; may be repeated."
+        (), description="Run only this family or configuration (may be repeated)."
     )
     sample: Annotated[OneOrMore | None, OnCommandLine("N")] = Field(
         None, description="Run a reproducible sample of N distinct configurations."
@@ -59,8 +59,8 @@ class RunRequest(BaseModel):
     )
     cluster: Annotated[Text | None, OnCommandLine("ADDRESS")] = Field(
         None,
-        description="Dask cluster that computes missing runs: tcp://…, tls://…, a scheduler file, or local:N for N workers here; "
-        "default: $DASK_SCHEDULER_ADDRESS, else this machine.",
+        description="Dask cluster that computes missing runs: tcp://…, tls://…, a scheduler file, or local:N for N workers here "
+        "(default: $DASK_SCHEDULER_ADDRESS, else this machine).",
     )
     reports: Annotated[Text | None, OnCommandLine("URL")] = Field(
         None, description="Web address of the results folder, for links to reports."

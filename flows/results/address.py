@@ -52,7 +52,7 @@ class Delivery:
         metadata.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
         files = sorted(path for path in written.directory.rglob("*") if path.is_file() and path != metadata)
         places = [path.relative_to(written.directory).as_posix() for path in files]
-        with _using(self.address, f"; the campaign directory is in {written.directory}"):
+        with _using(self.address, f". The campaign directory is in {written.directory}"):
             system, root = file_system(address)
             system.put([str(path) for path in files], [f"{root}/{place}" for place in places])
             system.pipe_file(f"{root}/{METADATA}", metadata.read_bytes())
@@ -112,9 +112,9 @@ def _fetch(address: str, copy: Path, leave_out: Collection[str]) -> None:
     system, root = file_system(address)
     places = [path[len(root) + 1 :] for path in system.find(root)]
     if METADATA not in places:
-        found = f"not a campaign directory, there is no {METADATA}; an address that `vastflow run --results` printed"
+        found = f"This is not a campaign directory, as it has no {METADATA}. Expected an address that `vastflow run --results` printed."
         if inside := sorted(place.partition("/")[0] for place in places if re.fullmatch(f"[^/]+/{METADATA}", place)):
-            found = f"holds {len(inside)} campaign directories; name one of them, such as {address}/{inside[-1]}"
+            found = f"It holds {len(inside)} campaign directories. Name one of them, such as {address}/{inside[-1]}"
         raise UnusableDirectory(redacted(f"{address}: {found}"))
     wanted = [place for place in places if place.partition("/")[0] not in leave_out]
     for parent in {(copy / place).parent for place in wanted}:
@@ -144,15 +144,15 @@ def meant_address(path: Path) -> str | None:
 
 def check_directory(results: Path, option: str = "") -> None:
     """Raise `UnusableDirectory` unless a path, given by `option`, is a campaign directory; says where one is."""
-    right = "a folder that `vastflow run` wrote"
+    right = "Expected a folder that `vastflow run` wrote."
     if (results / METADATA).is_file():
         return
     if meant_address(results):
-        wrong = "only `vastflow show` and `vastflow export` read an address; copy it into a folder first"
+        wrong = "Only `vastflow show` and `vastflow export` read an address. Copy it into a folder first."
     elif not results.exists():
-        wrong = f"no such folder; {right}"
+        wrong = f"No such folder. {right}"
     elif inside := sorted(results.glob(f"[!.]*/{METADATA}"), key=lambda file: file.stat().st_mtime):
-        wrong = f"holds {len(inside)} campaign directories; name one of them, the newest is {inside[-1].parent}"
+        wrong = f"It holds {len(inside)} campaign directories. Name one of them, the newest is {inside[-1].parent}"
     else:
-        wrong = f"not a campaign directory, it has no {METADATA}; {right}"
+        wrong = f"This is not a campaign directory, as it has no {METADATA}. {right}"
     raise UnusableDirectory(f"{option} {meant_address(results) or results}: {wrong}".lstrip())

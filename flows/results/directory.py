@@ -61,8 +61,8 @@ class NewDirectory:
             self._take_back()
             if gone:
                 raise UserError(
-                    f"results: {str(root)!r} was deleted while it was being written; what was computed is in the "
-                    "store, and the same command writes it again"
+                    f"results: {str(root)!r} was deleted while it was being written. What was computed is in the "
+                    "store, and the same command writes it again."
                 ) from None
             raise
 
@@ -122,8 +122,8 @@ def _reported(root: Path, codes: Collection[int] | None = None) -> Iterator[None
         if isinstance(error, StoreError) or (codes is not None and error.errno not in codes):
             raise
         raise UserError(
-            f"results: can't write to {str(root)!r} ({error.strerror}); make room there or give another folder "
-            f"with --results; what was computed is in the store"
+            f"results: can't write to {str(root)!r} ({error.strerror}). Make room there or give another folder "
+            "with --results. What was computed is in the store."
         ) from None
 
 

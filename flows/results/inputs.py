@@ -177,7 +177,7 @@ def replica(directory: Path, asked: Asked) -> Iterator[Replica]:
             raise UnusableDirectory(f"{directory}: its inputs can't be read any more: {words}") from None
         if other := sorted(name for name, content in found.files.items() if content not in kept):
             raise UnusableDirectory(
-                f"{directory}: {', '.join(other)} is another file now than in its inputs; put back the one that was used, "
+                f"{directory}: {', '.join(other)} is another file now than in its inputs. Put back the one that was used, "
                 "or run the campaign file itself"
             )
         yield laid_out

@@ -59,7 +59,7 @@ def lineage_of(directory: Path, configuration: str, run_index: int, store: Store
         verdicts = [each for each in judged if each["run_index"] == run_index]
         if not verdicts:
             known = dict.fromkeys(str(each["run_index"]) for each in judged)
-            raise UnusableDirectory(f"{directory}: no run {run_index} of {configuration}; it has {few([*known], 8)}")
+            raise UnusableDirectory(f"{directory}: no run {run_index} of {configuration}. It has {few([*known], 8)}")
         keys = recorded_keys(metadata)
         recording = _recording(store, keys, checked, run_index)
         trace_key = keys.trace(checked, recording.content) if recording else None

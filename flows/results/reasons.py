@@ -140,7 +140,7 @@ class Reasons:
             why = self._stage(self._past, "judge")
         if why is None:
             why = DueReason("oracle changed", "these oracles were not asked together")
-        return DueReason(why.kind, str(why), "all verdicts are in the store; causes of failures follow from them anew")
+        return DueReason(why.kind, str(why), "all verdicts are in the store, only causes of failures follow anew")
 
     def _run(self, past: Past, row: Row, configuration: ConfigurationRuns, run: int) -> DueReason:
         before = past.runs_of(row["name"])

@@ -74,7 +74,7 @@ class NotPermitted(UserError):
     """Code of others that the user has not permitted."""
 
     def __init__(self, code: ForeignCode) -> None:
-        super().__init__(f"{code}; expected your permission: --trust")
+        super().__init__(f"{code}. Permit it by --trust.")
         self.code = code
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -127,7 +127,7 @@ def _programs(directory: Path, rows: Iterable[Mapping[str, Any]]) -> Iterator[st
     try:
         campaign = yaml_value(read_text(directory / _CAMPAIGN))
     except Unreadable as error:
-        raise type(error)(f"{_CAMPAIGN}: {error.what}", "a whole campaign directory", error.place) from None
+        raise type(error)(f"{_CAMPAIGN}: {error.problem}", "a whole campaign directory", error.place) from None
     execution = campaign.get("execution") or {}
     for name in ("pre_command", "post_command"):
         if execution.get(name):

@@ -131,5 +131,5 @@ def _cluster(address: str, store: Store, local: Executor, tally: Tally, log: Pat
     try:
         from vastflow.tasks.engine.dask_cluster import DaskCluster
     except ImportError as error:
-        raise UserError(f"--cluster: needs Dask ({error}); pip install 'vastflow[dask]'") from None
+        raise UserError(f"--cluster: Dask is missing ({error}). Call pip install 'vastflow[dask]'.") from None
     return DaskCluster(address, store, local, tally, log)

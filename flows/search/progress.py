@@ -319,8 +319,8 @@ def search_progress(
     if (search := campaign.search) is None:
         return None
     if part := next((name for name in ("only", "sample") if getattr(request, name)), None):
-        right = f"no --{part}, since a search proposes its configurations one after the other"
-        raise FileError([campaign.fault(("search",), f"got --{part}", right, "key")])
+        what = f"--{part} does not go with a search, which proposes its configurations one after the other"
+        raise FileError([campaign.fault(("search",), what, at="key")])
     timed = any(each.time is not None for each in search.spec.budget)
     hashed = digest("search", hashlib.sha256(content).hexdigest(), runs)
     clock = BatchClock(store, f"search/{hashed[:2]}/{hashed}" if timed else "")

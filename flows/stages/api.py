@@ -199,7 +199,7 @@ def _computed(
         known = [each for each in before.blocks[name] if each.trace or not traced]
         if not _keys(found.stored, traced=True).issuperset(_keys(known, traced)):
             what, stages = ("recordings or traces", "execute and observe") if traced else ("recordings", "execute")
-            raise Lost(f"{what} of {name} are not in the store {opened.store.place!r} any more; {stages} again")
+            raise Lost(f"{what} of {name} are not in the store {opened.store.place!r} any more. Call {stages} again")
         return all(each.verdicts if traced else each.trace for each in found.stored if each.trace or not traced)
 
     with told(observer) as tally, computing(opened, keys, oracles, tally, stage=stage, workers=workers) as run:
@@ -261,7 +261,7 @@ def _asked(opened: OpenCampaign, oracles: Sequence[OracleChoice]) -> tuple[Oracl
             except OracleError as error:
                 for fault in error.faults:
                     where = ".".join(map(str, (f"oracles[{place}]", *fault.location)))
-                    faults.append(Fault(Place(opened.file, 1, 1, where), fault.what, fault.right))
+                    faults.append(Fault(Place(opened.file, 1, 1, where), fault.problem, fault.expected))
     if faults:
         raise FileError(faults)
     return oracles_of(requests, base)

@@ -20,7 +20,7 @@ from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.model.blocks import read_rows
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.keys.keys import Keys
@@ -85,7 +85,7 @@ class Configurations:
     def __getitem__(self, name: str) -> Configuration:
         """The configuration called `name`; raises `UserError` for an unknown name, as all methods do."""
         if name not in self._named:
-            raise UserError(f"expected the name of a configuration, got {name!r}; {did_you_mean(name, self._named)}")
+            raise UserError(message_of(f"unknown configuration {name!r}", did_you_mean(name, self._named)))
         return self._named[name]
 
     def executed_as(self, name: str) -> Configuration:
@@ -260,7 +260,7 @@ class Traces(StageResult):
 
         traces = self.of(name)
         if signal not in (known := {column for trace in traces for column in trace.columns}):
-            raise UserError(f"expected a signal, got {signal!r}; {did_you_mean(signal, known)}")
+            raise UserError(message_of(f"unknown signal {signal!r}", did_you_mean(signal, known)))
         lines = [(f"run {each.run.run_index}", each["t_s"], each[signal]) for each in traces if signal in each.columns]
         return lines_plot(lines, "t_s", signal)
 

@@ -100,7 +100,7 @@ def writing(place: Path, option: str = "") -> Iterator[None]:
     except UserError:  # some are OSErrors too
         raise
     except OSError as error:
-        wrong = f"{place}: can't be written ({error.strerror}); name another folder"
+        wrong = f"{place}: It can't be written ({error.strerror}). Name another folder."
         raise UserError(f"{option} {wrong}".lstrip()) from None
 
 
@@ -115,20 +115,20 @@ def check_writable(folder: Path, option: str = "") -> None:
 
 
 def _wrong(place: Path, parts: tuple[str, ...]) -> str | None:
-    right = "expected a folder that exists or can be created"
+    right = "Expected a folder that exists or can be created."
     try:
         while not place.exists():
             if place.is_symlink():
-                return f"{place} is a broken link; {right}"
+                return f"{place} is a broken link. {right}"
             if place.name == "..":
-                return f"{place.parent} does not exist; {right}"
+                return f"{place.parent} does not exist. {right}"
             place = place.parent
         if any(len(os.fsencode(part)) > os.pathconf(place, "PC_NAME_MAX") for part in parts):
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
     except OSError as error:
-        return f"{error.strerror}; {right}"
+        return f"{error.strerror}. {right}"
     if not place.is_dir():
-        return f"{place} is not a folder; {right}"
+        return f"{place} is not a folder. {right}"
     if not os.access(place, os.W_OK | os.X_OK):
-        return f"no write permission in {place}; {right}"
+        return f"no write permission in {place}. {right}"
     return None

@@ -96,7 +96,7 @@ OracleName: TypeAlias = Annotated[
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 DryRun: TypeAlias = Annotated[bool, typer.Option("--dry-run", help="Print what would change, and change nothing.")]
 Context: TypeAlias = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Cluster whose resources apply; default: the first in the file.")
+    str | None, typer.Option(metavar="NAME", help="Cluster whose resources apply (default: the first in the file).")
 ]
 
 

@@ -55,10 +55,10 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
     if duplicates := sum(name is not None for name in tables.configurations.duplicate_of):
         yield Text(f"{count_text(duplicates, 'configuration')} equal to another, run once", "dim")
     if tables.rejections:
-        yield Text(f"{count_text(len(tables.rejections), 'instance')} rejected; see the report for reasons", "yellow")
+        yield Text(f"{count_text(len(tables.rejections), 'instance')} rejected (see the report for reasons)", "yellow")
     for family, counts in excluded.items():
         named = ", ".join(f"{constraint} {n}" for constraint, n in counts.items())
-        left = "" if family in whole.families else "; none is left"
+        left = "" if family in whole.families else ", none is left"
         yield Text(
             f"{count_text(sum(counts.values()), 'instance')} of {family} excluded by constraints: {named}{left}", "dim"
         )

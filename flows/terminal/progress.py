@@ -116,7 +116,7 @@ def phase_text(progress: Progress, pace: Pace) -> str:
     if progress.runs_done == progress.runs_total:
         return "all runs are done, Prefect records its task runs"
     if not progress.executed and progress.reused < progress.runs_total and pace.phase_s > COMPILING_AFTER_S:
-        return f"{text}; the first run of a version compiles its kernels"
+        return f"{text} (the first run of a version compiles its kernels)"
     return text
 
 

@@ -169,7 +169,7 @@ def check_determinism(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
         first = [_judged(oracle, run) for run in runs]
         again = [_judged(oracle, run) for run in reversed(runs)][::-1]
         must(not used(), f"{name} must not use a global generator")
-    must(first == again, f"{name} must say the same of the same run; it keeps state, or draws numbers")
+    must(first == again, f"{name} must say the same of the same run. It keeps state, or draws numbers.")
     sent = pickle.loads(pickle.dumps(oracle))
     must(first == [_judged(sent, run) for run in runs], f"{name} must say the same after it was pickled")
 
@@ -209,7 +209,7 @@ def _check_verdict(oracle: Oracle[Any], run: SampleRun, verdict: Verdict) -> Non
     name = type(oracle).__name__
     must(isinstance(verdict, Verdict), f"{name} must give a Verdict on {run.name!r}, not {type(verdict).__name__}")
     mine = (verdict.oracle, verdict.run_index) == (oracle.name, run.trace.run.run_index)
-    must(mine, f"{name} must give its own name and the run's index; use `passed`, `failed` and `not_judged`")
+    must(mine, f"{name} must give its own name and the run's index. Use `passed`, `failed` and `not_judged`.")
     known = get_args(Judgement)
     must(verdict.judgement in known, f"{name} must judge one of {known}, not {verdict.judgement!r}")
     told = bool(verdict.reason.strip()) == (verdict.judgement != "pass")

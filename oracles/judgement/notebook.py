@@ -73,7 +73,7 @@ def read_cells(file: Path) -> tuple[CodeCell, ...]:
             tagged = f"tag cells with IPython commands {SKIPPED!r}"
             raise PlugInError(f"{where}: expected Python, got {text!r}", tagged) from None
         except (ValueError, RecursionError, MemoryError) as error:  # a NUL, half a character; too deep for Python
-            raise PlugInError(f"{file.name}: cell {cell.number}: {error}", "a cell of Python") from None
+            raise PlugInError(f"{file.name}: cell {cell.number}: {error}") from None
     return cells
 
 
@@ -123,7 +123,7 @@ def _cells(file: Path) -> list[CodeCell]:
     try:
         notebook = _Notebook.model_validate(read_json(file, "a notebook"))
     except Unreadable as error:
-        raise PlugInError(error.what, error.right) from None
+        raise PlugInError(error.problem, error.expected) from None
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "content"
@@ -222,7 +222,9 @@ class NotebookOracle(Oracle[Parameters]):
         """
         left = self._executed(run_tables(traces, situation))
         if VERDICTS not in left:
-            raise PlugInError(f"{self.name}: no variable {VERDICTS!r}", "a table or list of rows, one for each run")
+            raise PlugInError(
+                f"{self.name} sets no {VERDICTS!r}", "it must be a table or list of rows, one for each run"
+            )
         said: dict[int, Mapping[str, Any]] = {}
         for row in _rows(left[VERDICTS]):
             said[self._checked(row, said, traces)] = row
@@ -245,7 +247,7 @@ class NotebookOracle(Oracle[Parameters]):
                 lines = [frame.lineno for frame in frames if frame.filename.startswith(self.name)]
                 where = f"{self.name}: cell {cell.number}" + (f", line {lines[-1]}" if lines else "")
                 what = f"{where}: {type(error).__name__}: {error}"
-                raise PlugInError(what, "a cell that accepts any runs") from error
+                raise PlugInError(what, "the cell must accept any runs") from error
             if cell.has_parameters:
                 namespace |= self.parameters.model_dump()
         return namespace
@@ -257,11 +259,11 @@ class NotebookOracle(Oracle[Parameters]):
         if index not in indices:
             raise PlugInError(f"{place}expected one of the runs {indices}, got run_index {index!r}", "")
         if index in said:
-            raise PlugInError(f"{place}duplicate verdict on run {index}", "one for each run")
+            raise PlugInError(f"{place}duplicate verdict on run {index}", "expected one for each run")
         if judgement not in (known := get_args(Judgement)):
             raise PlugInError(f"{place}expected one of {', '.join(map(repr, known))}, got judgement {judgement!r}", "")
         if judgement != "pass" and not row.get("reason"):
-            raise PlugInError(f"{place}{judgement!r} without a reason", "a sentence with numbers in `reason`")
+            raise PlugInError(f"{place}{judgement!r} without a reason", "write a sentence with numbers into `reason`")
         if unknown := sorted(set(row) - {*_OWN, *self.metrics}):
             raise PlugInError(f"{place}unknown metric {unknown[0]!r}", f"name it with its unit in {METRICS!r}")
         return int(index)

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from vastflow.oracles.judgement.notebook import notebook_code, notebook_oracle, read_cells
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
-from vastflow.sim.model.faults import complaint
+from vastflow.sim.model.faults import Got, Invalid, Problem, message_of
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.plug_ins.effects import plug_in_code
@@ -26,8 +26,8 @@ class OracleFault(NamedTuple):
     """A mistake in the request of an oracle, at keys and indices below its parameters, or in its name."""
 
     location: tuple[str | int, ...]
-    what: str
-    right: str
+    problem: Problem
+    expected: str
 
 
 class OracleError(ValueError):
@@ -35,7 +35,7 @@ class OracleError(ValueError):
 
     def __init__(self, name: str, *faults: OracleFault) -> None:
         self.faults = faults
-        lines = (f"{'.'.join(map(str, (name, *at)))}: {complaint(what, right)}" for at, what, right in faults)
+        lines = (f"{'.'.join(map(str, (name, *at)))}: {message_of(what, right)}" for at, what, right in faults)
         super().__init__("\n".join(lines))
 
 
@@ -57,7 +57,7 @@ def oracle_of(name: str, parameters: Mapping[str, Any], base: Path = Path()) -> 
     except ValidationError as error:
         raise OracleError(name, *(_fault(detail, found.Parameters) for detail in error.errors())) from None
     except Exception as error:
-        raise _refused(name, f"it raised {type(error).__name__}: {error}", "an oracle that can be made") from error
+        raise _refused(name, f"it raised {type(error).__name__}: {error}", "") from error
 
 
 def oracles_of(requests: Sequence[tuple[str, Mapping[str, Any]]], base: Path = Path()) -> tuple[Oracle[Any], ...]:
@@ -76,13 +76,13 @@ def oracle_class(name: str, base: Path = Path()) -> type[Oracle[Any]]:
     if ".py:" in name or name.endswith(".ipynb"):
         found = _class_of_file(name, base)
     elif (found := installed_plug_in(GROUP, name)) is None:
-        raise _refused(name, f"no oracle {name!r}", did_you_mean(name, known_oracles(), listed="known oracles:"))
+        raise _refused(name, f"unknown oracle {name!r}", did_you_mean(name, known_oracles()))
     if not (isinstance(found, type) and issubclass(found, Oracle)):
-        raise _refused(name, f"{name!r} is not an oracle", "a subclass of vastflow.oracles.judgement.oracle.Oracle")
+        raise _refused(name, f"{name!r} is not an oracle", f"expected a subclass of {Oracle.__module__}.Oracle")
     return found
 
 
-def _refused(name: str, what: str, right: str) -> OracleError:
+def _refused(name: str, what: Problem, right: str) -> OracleError:
     return OracleError(name, OracleFault((), what, right))
 
 
@@ -91,7 +91,7 @@ def _class_of_file(name: str, base: Path) -> Any:
     file = base / file_name
     if not is_file(file):
         what = "a Python file" if class_name else "a notebook"
-        raise _refused(name, f"no file {str(file)!r}", f"{what} beside the campaign file")
+        raise _refused(name, f"there is no file {str(file)!r}", f"expected {what} beside the campaign file")
     try:
         if class_name:
             found = getattr(module_of(snapshot_of(file, base)), class_name, None)
@@ -99,12 +99,12 @@ def _class_of_file(name: str, base: Path) -> Any:
             read_cells(file)  # a cell that is no Python is named as such
             found = notebook_oracle(snapshot_of(file, base, notebook_code(file)))
     except PlugInError as error:
-        raise _refused(name, error.what, error.right) from None
+        raise _refused(name, error.problem, error.expected) from None
     except Exception as error:
         what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
-        raise _refused(str(file), what, "a Python module") from error
+        raise _refused(str(file), what, "") from error
     if found is None:
-        raise _refused(name, f"{str(file)!r} has no class {class_name!r}", "file.py:Class")
+        raise _refused(name, f"{str(file)!r} has no class {class_name!r}", "expected file.py:Class")
     return found
 
 
@@ -112,7 +112,9 @@ def _fault(detail: Mapping[str, Any], model: type[Parameters]) -> OracleFault:
     location = tuple(detail["loc"])
     if detail["type"] == "extra_forbidden":
         known = sorted(model.model_fields)
-        hint = did_you_mean(str(location[-1]), known, "known keys: none", listed="known keys:")
+        hint = did_you_mean(str(location[-1]), known, "it takes no keys")
         return OracleFault(location, f"unknown key {location[-1]!r}", hint)
-    message = str(detail["msg"])
-    return OracleFault(location, f"got {detail['input']!r}", message[:1].lower() + message[1:])
+    if isinstance(error := detail.get("ctx", {}).get("error"), Invalid):
+        return OracleFault(location, error.problem, error.expected)
+    _, begins, expected = str(detail["msg"]).rpartition("Input should be ")
+    return OracleFault(location, Got(repr(detail["input"])) if begins else expected, expected if begins else "")

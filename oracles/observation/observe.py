@@ -141,7 +141,7 @@ class ScenarioObserver:
         file = scenario.environment.get("map_file")
         occupancy = load_map(file.path) if isinstance(file, FileContent) else None
         if isinstance(file, FileContent) and occupancy is not None and occupancy.digest != file.digest:
-            raise MapError(f"{file.path} changed since the campaign was read; run the campaign again")
+            raise MapError(f"{file.path} changed since the campaign was read. Run the campaign again.")
         radius_m = inscribed_radius_of(parameters_of(scenario.system))
 
         @functools.cache

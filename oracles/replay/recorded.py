@@ -82,10 +82,10 @@ def needs_code(recorded: RecordedRun) -> bool:
 def _recording(directory: Path, name: str, run_index: int) -> Recording:
     recordings = recordings_of(directory, name)
     if not recordings:
-        raise UnusableDirectory(f"{directory}: no run of {name} was recorded; `vastflow show` says why")
+        raise UnusableDirectory(f"{directory}: no run of {name} was recorded. `vastflow show` says why.")
     if run_index not in recordings:
         known = list(map(str, sorted(recordings)))
         if len(known) > 8:
             known = [*known[:7], f"… {known[-1]} ({len(known)} in all)"]
-        raise UnusableDirectory(f"{directory}: no run {run_index} of {name}; it has {', '.join(known)}")
+        raise UnusableDirectory(f"{directory}: no run {run_index} of {name}. It has {', '.join(known)}")
     return recordings[run_index]

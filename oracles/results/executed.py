@@ -17,6 +17,7 @@ from vastflow.oracles.results.schema import behaviors_of, rows_of, table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.blocks import read_block, read_recordings
 from vastflow.sim.model.digest import FileContent, file_digest
+from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.files import files_below, read_json
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.recording import Recording
@@ -98,8 +99,8 @@ def configuration_row(directory: Path, configuration: str) -> Mapping[str, Any]:
     found: list[Mapping[str, Any]] = rows_of(file, "name", configuration).to_pylist()
     if not found:
         names = [row["name"] for row in table_rows(file, "name")]
-        hint = did_you_mean(configuration, names, "it has none", listed="it has")
-        raise UnusableDirectory(f"{directory}: no configuration {configuration!r}; {hint}")
+        hint = did_you_mean(configuration, names, "it has none")
+        raise UnusableDirectory(f"{directory}: {message_of(f'unknown configuration {configuration!r}', hint)}")
     return found[0]
 
 
@@ -169,7 +170,7 @@ def recorded_tables(directory: Path | str, configuration: str) -> RunTables:
     files = [directory / folder / f"{configuration}.parquet" for folder in ("recordings", "traces")]
     if configuration not in known or not all(file.is_file() for file in files):
         recorded = ", ".join(sorted(file.stem for file in (directory / "recordings").glob("*.parquet"))) or "nothing"
-        raise ValueError(f"{directory} has no recordings of {configuration!r}; it has those of {recorded}")
+        raise ValueError(f"{directory} has no recordings of {configuration!r}. It has those of {recorded}")
     scenario = scenario_of_row(known[configuration], KeptFiles(directory))
     recordings, observed = read_recordings(files[0]), read_block(files[1])
     traces = [trace_of(each, *derived) for each, derived in zip(recordings, observed, strict=True)]

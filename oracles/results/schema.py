@@ -132,7 +132,7 @@ def write_table(path: Path, schema: pa.Schema, rows: Iterable[Row]) -> None:
     with TableWriter(path, schema) as writer:
         while some := list(itertools.islice(waiting, _ROWS_A_GROUP)):
             if unexpected := {name for row in some for name in row}.difference(schema.names):
-                raise ValueError(f"unexpected field {min(unexpected)!r}; one of {', '.join(schema.names)}")
+                raise ValueError(f"unexpected field {min(unexpected)!r}. Expected one of {', '.join(schema.names)}")
             writer.add(column_table(schema, [{name: [row.get(name) for row in some] for name in schema.names}]))
 
 
@@ -220,7 +220,7 @@ def _reading(name: str) -> Iterator[None]:
         raise Missing(f"{name}: no such file", "a whole campaign directory") from None
     except (pa.ArrowException, *DAMAGE) as error:
         what = f"{name}: can't be read: {' '.join(str(error).split()) or type(error).__name__}"
-        raise Unreadable(what, "a table as it was written") from None
+        raise Unreadable(what, "expected a table as it was written") from None
 
 
 def floats(column: Any) -> NDArray[np.float64]:

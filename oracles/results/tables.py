@@ -149,7 +149,7 @@ class VerdictTable:
         if unknown := {*judged} - {*names}:
             raise ValueError(f"verdicts.parquet judges {min(unknown)!r}, which is no row of configurations.parquet")
         if unknown := {*judgements} - {*CODES}:
-            raise ValueError(f"verdicts.parquet has the judgement {min(unknown)!r}; it can be {', '.join(CODES)}")
+            raise ValueError(f"verdicts.parquet has the judgement {min(unknown)!r}. It can be {', '.join(CODES)}")
         place = np.array([places[name] for name in judged], dtype=np.int64)[configuration]
         runs, of_run = np.unique(run_keys(place, integers(table["run_index"])), return_inverse=True)
         self._run = of_run.astype(np.int32)

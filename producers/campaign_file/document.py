@@ -13,7 +13,7 @@ from yaml.constructor import ConstructorError, SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.producers.model.faults import MISSING_FILE, Location, path_text, shown
-from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place, parted
+from vastflow.sim.model.faults import Complaint, Fault, FaultKind, FileError, Got, Invalid, Place, Problem
 from vastflow.sim.model.files import TextPlace, Unreadable, place_of, read_text, yaml_node
 from vastflow.sim.model.names import did_you_mean
 
@@ -67,7 +67,7 @@ class Document:
     def fault(
         self,
         location: Location,
-        problem: str,
+        problem: Problem,
         expected: str = "",
         at: Literal["key", "value"] = "value",
         kind: FaultKind = "error",
@@ -75,7 +75,7 @@ class Document:
         """Return a fault at a location of this file."""
         return Fault(Place(self.file, *self.place(location, at), path_text(location)), problem, expected, kind)
 
-    def note(self, kind: FaultKind, location: Location, problem: str, expected: str = "") -> Fault:
+    def note(self, kind: FaultKind, location: Location, problem: Problem, expected: str = "") -> Fault:
         """Return a note on the key at a location of this file."""
         return self.fault(location, problem, expected, "key", kind)
 
@@ -93,13 +93,13 @@ def read_document(path: str | Path) -> Document:
         text = read_text(path, "a .vast file")
         node = yaml_node(text)
     except Unreadable as error:
-        raise FileError([Fault(Place(file, *error.place, "file"), error.what, error.right)]) from None
+        raise FileError([Fault(Place(file, *error.place), error.problem, error.expected)]) from None
     if node is None or (isinstance(node, ScalarNode) and node.tag == f"{TAG}null"):
-        raise FileError([Fault(Place(file, 1, 1, "file"), "empty", "a campaign, at least its configuration")])
+        raise FileError([Fault(Place(file), "the file is empty", "A campaign needs at least 'configuration'")])
     if not isinstance(node, MappingNode):
         found = "a list" if isinstance(node, SequenceNode) else shown(node.value)
         right = "a mapping with the sections of a campaign, such as configuration and execution"
-        raise FileError([Fault(Place(file, *place_of(node), "file"), f"got {found}", right)])
+        raise FileError([Fault(Place(file, *place_of(node)), Got(found), right)])
     walk = _Walk(file)
     data = walk.value(node, ())
     faults, notes = (tuple(f for f in walk.faults if f.kind == kind) for kind in ("error", "warning"))
@@ -124,7 +124,7 @@ class _Walk:
             return self._mapping(node, location)
         if isinstance(node, SequenceNode) and node.tag == f"{TAG}seq":
             return [self.value(item, (*location, i)) for i, item in enumerate(node.value)]
-        self._fault(node, location, f"got the tag {node.tag.replace(TAG, '!!')}", "no tag")
+        self._fault(node, location, Got(f"the tag {node.tag.replace(TAG, '!!')}"), "no tag")
         return None
 
     def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
@@ -134,8 +134,8 @@ class _Walk:
             key = self._key(key_node, location)
             if key in data and i < len(own):
                 first, _ = self.keys[(*location, key)]
-                right = f"one; the first is in line {first}"
-                self._fault(key_node, (*location, key), "a second time the same key", right)
+                what = f"duplicate key {key!r}, given in line {first} already"
+                self._fault(key_node, (*location, key), what, "keep one of them")
             elif key is not None and key not in data:
                 self.keys[(*location, key)] = place_of(key_node)
                 data[key] = self.value(value_node, (*location, key))
@@ -148,7 +148,7 @@ class _Walk:
                 continue
             for source in value_node.value if isinstance(value_node, SequenceNode) else [value_node]:
                 if not isinstance(source, MappingNode):
-                    self._fault(value_node, (*location, "<<"), "got no mapping to merge", "an alias of another mapping")
+                    self._fault(value_node, (*location, "<<"), Got("another value to merge"), "an alias of a mapping")
                     continue
                 yield from (pair for pair in source.value if pair[0].tag != f"{TAG}merge")
                 yield from self._merged(source, location)
@@ -158,7 +158,7 @@ class _Walk:
         if isinstance(node, ScalarNode) and node.value and node.tag.startswith(TAG):
             return str(node.value)
         found = shown(node.value) if isinstance(node, ScalarNode) else "a list or mapping"
-        self._fault(node, location, f"got {found} as a key", "a key is text")
+        self._fault(node, location, Got(found), "text as a key")
         return None
 
     def _scalar(self, node: ScalarNode, location: Location) -> Any:
@@ -171,22 +171,22 @@ class _Walk:
         try:
             found = self._constructor.construct_object(node) if kind in MEANING else None
         except (ConstructorError, ValueError, KeyError, IndexError, OverflowError):
-            self._fault(node, location, f"got {shown(text)}", f"{MEANING[kind]}, or quotes round a text")
+            self._fault(node, location, Got(shown(text)), f"{MEANING[kind]}, or quotes round a text")
             return None
         if found is None:
-            self._fault(node, location, f"got the tag {node.tag.replace(TAG, '!!')}", "no tag")
+            self._fault(node, location, Got(f"the tag {node.tag.replace(TAG, '!!')}"), "no tag")
         elif kind == "float" and not math.isfinite(found):
-            self._fault(node, location, f"got {text}", "a finite number")
+            self._fault(node, location, Got(text), "a finite number")
         elif kind == "int" and not -(2**63) <= found < 2**63:
-            self._fault(node, location, f"got {shown(text)}", "a whole number of at most 64 bits")
+            self._fault(node, location, Got(shown(text)), "a whole number of at most 64 bits")
         else:
             if kind != "bool" and OCTAL_OR_BASE_60.fullmatch(text):
-                what = f"got {text}, which YAML 1.1 reads as {found}"
-                self._fault(node, location, what, f"write {found}, or quotes for a text", "warning")
+                what = f"YAML 1.1 reads {text} as {found}"
+                self._fault(node, location, what, f"write {found}, or put a text in quotes", "warning")
             return found
         return None
 
-    def _fault(self, node: Node, location: Location, what: str, right: str, kind: FaultKind = "error") -> None:
+    def _fault(self, node: Node, location: Location, what: Problem, right: str, kind: FaultKind = "error") -> None:
         place = Place(self._file, *place_of(node), path_text(location))
         self.faults.append(Fault(place, what, right, kind))
 
@@ -228,21 +228,16 @@ def faults_of(document: Document, base: Location, model: type[BaseModel], error:
     union); of a union's errors the deepest are kept, and those of one place become one fault.
     """
     located = [(document.known((*base, *detail["loc"])), detail) for detail in error.errors(include_url=False)]
-    merged: dict[tuple[Location, str], Fault] = {}
+    merged: dict[tuple[Location, Problem, str], list[Fault]] = {}
     for found, detail in located:
         is_branch = len(found) < len(base) + len(detail["loc"])
         is_branch &= detail["type"] not in ("missing", "extra_forbidden")
         if is_branch and any(len(other) > len(found) and other[: len(found)] == found for other, _ in located):
             continue
         fault = _fault(document, found, model, detail)
-        key = (found, fault.problem)
-        if key in merged and is_branch:
-            known = merged[key].expected.split(" or ")
-            fault = replace(fault, expected=" or ".join(dict.fromkeys([*known, fault.expected])))
-        elif key in merged:
-            key = (found, f"{fault.problem}; {fault.expected}")
-        merged[key] = fault
-    return list(merged.values())
+        merged.setdefault((found, fault.problem, "" if is_branch else fault.expected), []).append(fault)
+    expected = [" or ".join(dict.fromkeys(fault.expected for fault in same)) for same in merged.values()]
+    return [replace(same[-1], expected=words) for same, words in zip(merged.values(), expected, strict=True)]
 
 
 def _fault(document: Document, found: Location, model: type[BaseModel], detail: ErrorDetails) -> Fault:
@@ -254,34 +249,32 @@ def _fault(document: Document, found: Location, model: type[BaseModel], detail: 
     if kind == "missing":
         name = str(detail["loc"][-1])
         field = _model_at(model, detail["loc"][:-1]).model_fields.get(name)
-        about = ((field and field.description) or "").split(";")[0].split(". ")[0].rstrip(".")
-        right = " ".join(about.split())
-        return document.fault(found, f"no {name!r}", f"{name}: {right[:1].lower()}{right[1:] or '...'}", "key")
+        about = " ".join(((field and field.description) or "").split(";")[0].split(". ")[0].split())
+        return document.fault(found, f"{name!r} is missing", about, "key")
     if kind == "second_key":
-        return document.fault((*found, str(context["key"])), *_parted(detail), "key")
+        return document.fault((*found, str(context["key"])), *_complaint(detail), "key")
     if "at" in context:
         found = document.known((*found, str(context["at"])))
     if kind in EXPECTED:
         right = EXPECTED[kind].format(**context)
         if kind == "literal_error" and isinstance(given, str):
-            hint = did_you_mean(given, [part.strip("' ") for part in right.replace(" or ", ", ").split(",")])
-            right = hint if hint.startswith("did") else right
+            values = [part.strip("' ") for part in right.replace(" or ", ", ").split(",")]
+            return document.fault(found, f"unknown value {given!r}", did_you_mean(given, values))
         if kind == "string_type" and isinstance(given, int | float):
             right = "text in quotes"
-        return document.fault(found, f"got {shown(given)}", right)
+        return document.fault(found, Got(shown(given)), right)
     # A mapping begins below the key that names it, and the fault is one of the whole.
     whole_mapping = "at" not in context and isinstance(given, Mapping)
     kind_of_fault: FaultKind = "missing" if kind == MISSING_FILE else "error"
-    return document.fault(found, *_parted(detail), "key" if whole_mapping else "value", kind_of_fault)
+    return document.fault(found, *_complaint(detail), "key" if whole_mapping else "value", kind_of_fault)
 
 
-def _parted(detail: ErrorDetails) -> tuple[str, str]:
-    """Split a validator's own message into the problem and what would be right."""
+def _complaint(detail: ErrorDetails) -> Complaint:
+    """Return a validator's own message; of a plain text it is the problem."""
     error = detail.get("ctx", {}).get("error")
-    message = " ".join(str(error if isinstance(error, Exception) else detail["msg"]).split())
-    problem, expected = parted(message)
-    is_whole = expected or problem.startswith("expected ") or ": expected " in problem
-    return (problem, expected) if is_whole else (f"got {shown(detail['input'])}", problem)
+    if isinstance(error, Invalid):
+        return error.problem, error.expected
+    return " ".join(str(error if isinstance(error, Exception) else detail["msg"]).split()), ""
 
 
 def _model_at(model: type[BaseModel], location: tuple[int | str, ...]) -> type[BaseModel]:

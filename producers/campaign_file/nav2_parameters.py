@@ -1,6 +1,7 @@
 """The user's Nav2 parameter file of `execution.nav2_params`: content, faults, and unmodeled parameters."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -8,11 +9,12 @@ from typing import Final
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.model.faults import Location, shown
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place
+from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place, Problem
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files import document as parameters
 from vastflow.sim.nav2.parameter_files.controller_server import critics_of
+from vastflow.sim.nav2.parameter_files.document import dotted
 from vastflow.sim.nav2.parameter_files.findings import Finding, defaults_row, findings, omitted, slips
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, file_value, frozen, read_nav2_document
@@ -36,61 +38,70 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
     """Read the Nav2 parameter file of a campaign file, which is relative to `base`."""
     release = document.value(("execution", RELEASE_KEY))
     if not isinstance(name := document.value(WHERE), str):
-        said = document.fault(("execution", RELEASE_KEY), "got a release without a file", f"{FILE_KEY} beside it")
+        said = document.fault(("execution", RELEASE_KEY), "there is a release without a file", f"add {FILE_KEY}")
         return Nav2Params({}, (said,) if release else ())
     path = base / name
     if not is_file(path):
-        what = f"got {shown(name)}, and there is no such file"
-        return Nav2Params({}, (document.fault(WHERE, what, "a Nav2 parameter file"),))
+        return Nav2Params({}, (document.fault(WHERE, f"there is no file {shown(name)}"),))
+    own: dict[str, Value] = {RELEASE_KEY: release} if release in RELEASES else {}
     try:
         whole = frozen(read_nav2_document(path))
-        own: dict[str, Value] = {RELEASE_KEY: release} if release in RELEASES else {}
-        found = interpretation(replace(whole, values={**whole.values, **{(key,): said for key, said in own.items()}}))
     except FileError as error:
         return Nav2Params({}, error.faults)
-    file = found.document.file
-    faults = tuple(
-        Fault(Place(file, *each.place, short(each.path)), f"unknown key {each.path[-1]!r}", f"did you mean {near!r}?")
-        for each, near in slips(found)
-    )
-    faults = (*faults, *refusals(found))
+    asked = replace(whole, values={**whole.values, **{(key,): said for key, said in own.items()}})
+    try:
+        found = interpretation(asked)
+    except FileError as error:
+        wrong = {fault.place.where for fault in error.faults}
+        kept = {path: value for path, value in asked.values.items() if dotted(path) not in wrong}
+        slipped: list[Fault] = []
+        with suppress(FileError):
+            slipped += _slips(interpretation(replace(asked, values=kept)))
+        return Nav2Params({}, (*error.faults, *slipped))
+    faults = (*_slips(found), *refusals(found))
     return Nav2Params({FILE_KEY: file_value(whole), **own}, faults, tuple(notes_of(found)), defaults_row(found))
+
+
+def _slips(found: Interpretation) -> Iterator[Fault]:
+    for each, near in slips(found):
+        place = Place(found.document.file, *each.place, short(each.path))
+        yield Fault(place, f"unknown key {each.path[-1]!r}", f"did you mean {near!r}?")
 
 
 def notes_of(found: Interpretation) -> Iterator[Fault]:
     """Yield a note for each parameter, or group of parameters, that is not modeled or is built in otherwise."""
     document = found.document
 
-    def note(path: ParameterLocation, what: str, consequence: str, kind: FaultKind = "warning") -> Fault:
+    def note(path: ParameterLocation, what: Problem, consequence: str, kind: FaultKind = "warning") -> Fault:
         return Fault(Place(document.file, *document.place(path), short(path)), what, consequence, kind)
 
     for nodes, consequence in (
-        (found.replaced, "as in Nav2 Jazzy's default file"),
-        (found.absent, "as in Nav2's code"),
-        (found.left_away, "the stack does without"),
+        (found.replaced, "they are as in Nav2 Jazzy's default file"),
+        (found.absent, "they are as in Nav2's code"),
+        (found.left_away, "the stack does without them"),
     ):
         if nodes:
-            yield Fault(Place(document.file, 1, 1, "file"), f"has no {', '.join(nodes)}", consequence, "warning")
+            yield Fault(Place(document.file), f"the file has no {', '.join(nodes)}", consequence, "warning")
     critics = critics_of(found.parameters.controller).values()
     if critics and not any(critic.enabled for critic in critics):
         place = Place(document.file, *document.place(document.node("controller_server") or ()), "controller_server")
-        yield Fault(place, "enables no critic of its controller", "it will not follow a path", "warning")
+        yield Fault(place, "no critic of the controller is enabled", "it will not follow a path", "warning")
     for path in document.repeated:
-        counts = (
-            "this value counts" if path in document.values else "both count; Nav2's launch files take the last alone"
-        )
-        yield note(path, "a second time", counts)
+        counts = "this value counts"
+        if path not in document.values:
+            counts = "both count, while Nav2's launch files take the last alone"
+        yield note(path, f"duplicate key {path[-1]!r}", counts)
     for path, why in found.reader.unused.items():
         if path[-1] == "robot_radius" and path in document.values:
-            yield note(path, f"got {shown(document.values[path])}, which has no effect", why)
+            yield note(path, f"{shown(document.values[path])} has no effect", why)
     for path, (what, consequence) in found.reader.warnings.items():
         yield note(path, what, consequence)
     for path, declared, other, is_used in omitted(found):
         if not is_used:
             yield note(
                 path,
-                f"left out, {shown(declared.default)} in Nav2's code",
-                f"{shown(other)} is built in",
+                f"the file leaves {path[-1]} out, which is {shown(declared.default)} in Nav2's code",
+                f"the simulator uses {shown(other)}",
                 "not modeled",
             )
     for change in changes_since_jazzy(document, {*found.reader.kinds.values()}):
@@ -98,20 +109,19 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
         yield note(where, f"since {change.since.title()} {change.words}", f"{change.here} here", "not modeled")
     for path, held in found.reader.held.items():
         if path in document.values:
-            what = f"got {shown(document.values[path])}, which is no whole number of ticks of 50 ms"
-            yield note(path, what, f"runs at {held:g} Hz")
+            what = f"{shown(document.values[path])} Hz is not supported: the rate must divide the 20 Hz control loop"
+            yield note(path, what, f"it runs at {held:g} Hz")
     groups: dict[ParameterLocation, list[Finding]] = {}
     for finding in findings(found):
         if finding.status in ("not modeled", "differs") and finding.path not in found.reader.held:
             groups.setdefault(finding.about, []).append(finding)
     for about, (first, *others) in groups.items():
         if first.status == "differs":
-            what, right = (
-                f"got {shown(first.value)}, which is not modeled",
-                first.why or f"{shown(first.used)} is built in",
-            )
+            what = f"{shown(first.value)} is not modeled"
+            right = first.why or f"the simulator uses {shown(first.used)}"
         else:
-            what, right = f"its {len(others) + 1} parameters are not modeled" if others else "not modeled", first.why
+            what = f"{len(others) + 1} parameters are" if others else f"{about[-1]!r} is"
+            what, right = f"{what} not modeled", first.why
         yield note(about, what, right, "not modeled")
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, TypeAlias
 
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.model.faults import NOT_EXECUTED, Location
-from vastflow.sim.model.faults import Fault
+from vastflow.sim.model.faults import Complaint, Fault, Got, message_of
 from vastflow.sim.model.files import is_file, read_bytes
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.plug_ins.neighbors import PlugInError, neighbors_of
@@ -41,7 +41,7 @@ def plug_in_complaint(reference: str, base: Path) -> str | None:
     """
     name, _, class_name = reference.rpartition(":")
     if not is_file(base / name):
-        return f"got {reference!r}, and there is no such file"
+        return f"there is no file {name!r}"
     try:
         module = ast.parse(read_bytes(base / name))
     except (SyntaxError, ValueError, RecursionError) as error:
@@ -85,22 +85,23 @@ class ProcessingStep:
         """The substitute for a step that does not run."""
         return {**RECORDED, **UNTOUCHED}.get(self.name, "")
 
-    def complaint(self, base: Path) -> str | None:
+    def complaint(self, base: Path) -> Complaint | None:
         """Return the reason why a step can't run, if known before it runs."""
         if self.kind == "plug-in":
-            return plug_in_complaint(f"{self.file}:{self.name.rpartition(':')[2]}", base)
+            missing = plug_in_complaint(f"{self.file}:{self.name.rpartition(':')[2]}", base)
+            return (missing, "") if missing else None
         if self.kind == "unknown":
             known = [*RECORDED, *UNTOUCHED, COMMAND]
-            return f"no step is called {self.name!r}; {did_you_mean(self.name, known)}, or file.py:Class"
+            return f"unknown step {self.name!r}", did_you_mean(self.name, [*known, "file.py:Class"])
         if self.kind != "command":
             return None
         if not self.file:
-            return "a command without a script; script: FILE"
+            return "'script' is missing", "name the file that the command runs"
         arguments = self.parameters.get("args")
         if arguments is not None and not isinstance(arguments, list):
-            return f"args: expected a list, got {arguments!r}"
+            return Got(f"args: {arguments!r}"), "a list"
         is_there = (base / self.file).is_file()
-        return None if is_there else f"got the script {self.file!r}, and there is no such file"
+        return None if is_there else (f"there is no script {self.file!r}", "")
 
     def files(self, base: Path) -> Iterator[Path]:
         """Yield the existing files that the step runs, imports, or takes as arguments."""
@@ -129,4 +130,6 @@ def step_notes(document: Document, steps: Sequence[ProcessingStep], base: Path, 
         if step.instead:
             yield document.note("not executed", where, f"{step.name}: {NOT_EXECUTED}", step.instead)
         elif complaint := step.complaint(base):
-            yield document.note("warning", where, complaint, "the campaign runs without this step, and ends with 3")
+            yield document.note(
+                "warning", where, message_of(*complaint), "the campaign runs without it, and ends with 3"
+            )

@@ -10,7 +10,7 @@ from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
 SCHEMAS: Final = (2, 3, 4)
 EXPECTED: Final = (
-    "version 1, which 'vastflow validate --from-robovast' writes from it: parameters.scenario, .sim and .sut become a list, "
+    "'vastflow validate --from-robovast' makes version 1 of it: parameters.scenario, .sim and .sut become a list, "
     "containers become image, resources, and secondary_containers"
 )
 _ROLES: Final = {"start": "start_pose", "goal": "goal_poses", "goals": "goal_poses"}

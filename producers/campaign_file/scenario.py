@@ -11,7 +11,7 @@ from vastflow.producers.model.faults import Location
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, file_digest
-from vastflow.sim.model.faults import Fault, FileError, ScenarioError
+from vastflow.sim.model.faults import Complaint, Fault, FileError, Got, ScenarioError
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import ProcessSetup, RunFiles
@@ -90,7 +90,7 @@ class AbstractScenario:
         """Names of its parameters."""
         return frozenset(each.name for each in self.definition.parameters) if self.definition else frozenset()
 
-    def complaint(self, key: str, value: Value) -> tuple[str, str] | None:
+    def complaint(self, key: str, value: Value) -> Complaint | None:
         """Return the problem of a parameter's value, and the expected value."""
         if self.definition is None or key not in self.parameters:
             return None
@@ -98,7 +98,7 @@ class AbstractScenario:
         try:
             bound(alone, overrides_of(alone, {key: value}))
         except ParameterMismatch as error:
-            return f"got {error.given}", f"{error.expected}, for it is a parameter of {self.name}"
+            return Got(error.given), f"{error.expected}, for it is a parameter of {self.name}"
         return None
 
 
@@ -114,11 +114,11 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
     if name.startswith(BUILTIN):
         if name.removeprefix(BUILTIN) not in SHIPPED:
             right = did_you_mean(name, [BUILTIN + each for each in SHIPPED])
-            return None, [document.fault(WHERE, f"got {name!r}", right)]
+            return None, [document.fault(WHERE, f"unknown scenario {name!r}", right)]
         return AbstractScenario(name, name, definition_of(name)), []
     file = base / name
     if not is_file(file):
-        return None, [document.fault(WHERE, f"got {name!r}, and there is no such file", "an OpenSCENARIO DSL file")]
+        return None, [document.fault(WHERE, f"there is no file {name!r}", "expected an OpenSCENARIO DSL file")]
     try:
         content = abstract_content(file)
         definition = definition_of(content)
@@ -130,7 +130,7 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
     for p in definition.parameters:
         if p.default is not None and default_of(definition, p.name) is None:
             what = f"the default of parameter {p.name} is not known before a run"
-            faults.append(Fault(p.place, what, "a value, or a var in place of a parameter"))
+            faults.append(Fault(p.place, what, "write a value, or a var in place of a parameter"))
     if faults:
         return None, [replace(each, place=replace(each.place, file=str(file), where="scenario")) for each in faults]
     return AbstractScenario(name, content, definition), []
@@ -150,7 +150,8 @@ def programs_of(
     given = [key for key in KEYS if getattr(execution, key)]
     if abstract.actions.isdisjoint(PROCESSES):
         why = "the scenario starts no program"
-        return None, [document.note("not executed", ("execution", key), "has no effect", why) for key in given], []
+        what = "it has no effect"
+        return None, [document.note("not executed", ("execution", key), what, why) for key in given], []
     scripts, notes, faults = _scripts(document, base, execution)
     try:
         files = run_files(base, execution.run_files)
@@ -195,8 +196,8 @@ def _scripts(document: Document, base: Path, execution: ExecutionSpec) -> tuple[
                 right = f"a file beside the campaign is {CONFIG}/NAME"
                 notes.append(document.note("warning", where, f"this machine has no {program!r}", right))
         else:
-            right = "a file below the campaign file's folder"
-            faults.append(document.fault(where, f"got {program!r}, and there is no such file", right))
+            right = "expected a file below the campaign file's folder"
+            faults.append(document.fault(where, f"there is no file {program!r}", right))
     return found, notes, faults
 
 

@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import TypeAlias
 
 from vastflow.producers.model.faults import shown
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import FileError, parted
+from vastflow.sim.model.faults import Complaint, FileError, Got
 from vastflow.sim.model.obstacle import lists_obstacles, obstacle_of
 from vastflow.sim.model.pose import written_pose_of
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
@@ -22,12 +21,8 @@ from vastflow.sim.nav2.parameter_files.chosen import (
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by, missing_mask
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.sim.nav2.parameter_files.plug_ins import short_names
-from vastflow.sim.nav2.parameter_files.reader import CONTRADICTION
 
 LOOPS_KEY = "number_of_loops"
-
-Complaint: TypeAlias = tuple[str, str]
-"""A problem and the expected value."""
 
 
 def complaint_of(
@@ -38,11 +33,11 @@ def complaint_of(
         return _pose_complaint(value)
     if key == GOALS_KEY:
         if not isinstance(value, Sequence) or isinstance(value, str) or not value:
-            return f"got {shown(value)}", "a list of one pose {x, y, yaw} or more"
+            return Got(shown(value)), "a list of one pose {x, y, yaw} or more"
         return next(filter(None, map(_pose_complaint, value)), None)
     if key == LOOPS_KEY:
         good = isinstance(value, int) and not isinstance(value, bool) and value >= 0
-        return None if good else (f"got {shown(value)}", "a whole number, 0 or more")
+        return None if good else (Got(shown(value)), "a whole number, 0 or more")
     if dimension == "environment" and isinstance(value, Sequence) and not isinstance(value, str):
         return next(filter(None, map(_obstacle_complaint, value)), None)
     return _parameter_complaint(key, value, system or {}) if dimension == "system" else None
@@ -100,13 +95,13 @@ def mask_complaints(system: Mapping[str, Value], written: Collection[str]) -> It
 
 def _pose_complaint(value: Value) -> Complaint | None:
     if not isinstance(value, Mapping):
-        return f"got {shown(value)}", "a pose, {x, y, yaw} or {position: {x, y}, orientation: {yaw}}"
+        return Got(shown(value)), "a pose, {x, y, yaw} or {position: {x, y}, orientation: {yaw}}"
     return _said_by(lambda: written_pose_of(value, ""))
 
 
 def _obstacle_complaint(value: Value) -> Complaint | None:
     if not isinstance(value, Mapping) or "spawn_pose" not in value:
-        return f"got {shown(value)}", "an obstacle, {entity_name, model, spawn_pose, xacro_arguments}"
+        return Got(shown(value)), "an obstacle, {entity_name, model, spawn_pose, xacro_arguments}"
     return _said_by(lambda: (obstacle_of(value), written_pose_of(value["spawn_pose"], "obstacle.spawn_pose")))
 
 
@@ -114,13 +109,13 @@ def _said_by(read: Callable[[], object]) -> Complaint | None:
     try:
         read()
     except ValueError as error:
-        return parted(str(error).removeprefix(": "))
+        return str(error).removeprefix(": "), ""
     return None
 
 
 def _parameter_complaint(key: str, value: Value, system: Mapping[str, Value]) -> Complaint | None:
     if key == FILE_KEY:
-        return f"got {shown(value)}", f"execution.{FILE_KEY}, the file of all families"
+        return Got(shown(value)), f"execution.{FILE_KEY}, the file of all families"
     others = {other: given for other, given in system.items() if other != key}
     undecided = () if CONTROLLER_KEY in (key, *system) else _contexts(others, (CONTROLLER_KEY,))
     for each in (others, *undecided):
@@ -129,12 +124,14 @@ def _parameter_complaint(key: str, value: Value, system: Mapping[str, Value]) ->
                 break
         except FileError as error:
             # A bound on a pair of parameters is for the pair: the other may be given too.
-            own = [
-                each for each in error.faults if each.place.where == key and not each.problem.startswith(CONTRADICTION)
-            ]
+            own = [each for each in error.faults if each.place.where == key and each.kind != "contradiction"]
             if not own and key == CONTROLLER_KEY:  # critics of another, for example
-                return f"got {shown(value)}", f"one that goes with the rest: {error.faults[0]}"
-            return (f"got {shown(value)}", own[0].expected) if own else None
+                return Got(shown(value)), f"one that goes with the rest ({error.faults[0]})"
+            if not own and (wrong := {each.place.where for each in error.faults} & others.keys()):
+                return _parameter_complaint(key, value, {other: others[other] for other in others.keys() - wrong})
+            if own and isinstance(own[0].problem, str):
+                return own[0].problem, own[0].expected
+            return (Got(shown(value)), own[0].expected) if own else None
     return None
 
 

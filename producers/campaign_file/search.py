@@ -12,7 +12,7 @@ from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.campaign_file.sections import NamedSteps, Section, SingleKeys
 from vastflow.producers.model.faults import Location, shown
 from vastflow.producers.model.numbers import Amount, Count, NotNegative, Number, Positive, Seed
-from vastflow.sim.model.faults import Fault
+from vastflow.sim.model.faults import Fault, Got, Invalid
 from vastflow.sim.model.names import did_you_mean
 
 FAILURE_RATE: Final = "failure_rate"
@@ -48,23 +48,23 @@ class SearchDimension(Section):
     def _check(self) -> Self:
         known = _KEYS[self.type]
         for key in sorted(self.model_fields_set - {"type"} - known):
-            right = did_you_mean(key, known) if known else "its type alone"
-            raise _wrong(f"{key!r} has no meaning for type {self.type}; {right}", at=key)
+            right = did_you_mean(key, known) if known else "it takes no other key"
+            raise _wrong(Invalid(f"{key!r} has no meaning for type {self.type}", right), at=key)
         if self.type == "choice" and self.values is None:
-            raise ValueError("a choice without values; values: [...]")
+            raise Invalid("the choice has no values", "add 'values: [...]'")
         if self.type not in ("float", "int"):
             return self
         if self.low is None or self.high is None:
-            raise ValueError("a range without both bounds; low and high")
+            raise Invalid("the range lacks a bound", "expected both low and high")
         if self.low > self.high:
-            raise ValueError(f"low {self.low:g} is greater than high {self.high:g}; low <= high")
+            raise Invalid(f"'low' is {self.low:g} and 'high' {self.high:g}", "'low' must not be greater than 'high'")
         for name, bound in (("low", self.low), ("high", self.high)):
             if self.type == "int" and not bound.is_integer():
-                raise _wrong(f"expected a whole number, as type int has, got {bound:g}", at=name)
+                raise _wrong(Invalid(Got(f"{bound:g}"), "a whole number, as type int has"), at=name)
         if self.log and self.low <= 0:
-            raise ValueError(f"low {self.low:g} on a logarithmic scale; low > 0")
+            raise Invalid(f"'low' is {self.low:g} on a logarithmic scale", "it must be greater than 0")
         if self.log and self.step not in (None, 1):
-            raise ValueError("log and step are both given; one of them")
+            raise Invalid("'log' and 'step' are both given", "keep one of them")
         return self
 
     @property
@@ -92,11 +92,11 @@ class Quantity(Section):
     @model_validator(mode="after")
     def _whole(self) -> Self:
         if self.metric is not None and self.oracle is None:
-            raise ValueError("metric without oracle; the oracle that measures it")
+            raise Invalid("there is a metric without an oracle", "name the oracle that measures it")
         if self.metric is None and self.model_fields_set & {"aggregate", "q"}:
-            raise ValueError("aggregate without metric; a failure rate has none")
+            raise Invalid("there is an aggregate without a metric", "a failure rate has none")
         if (self.aggregate == "quantile") != (self.q is not None):
-            raise ValueError(f"aggregate {self.aggregate} {'and' if self.q else 'without'} q; quantile with q")
+            raise Invalid(f"'aggregate' is {self.aggregate}", "quantile needs 'q', and others do without")
         return self
 
 
@@ -122,7 +122,7 @@ class _Criterion(Section):
     @model_validator(mode="after")
     def _one(self) -> Self:
         if not self.model_fields_set:
-            raise ValueError(f"expected one of {', '.join(type(self).model_fields)}, got {shown({})}")
+            raise Invalid(Got(shown({})), f"one of {', '.join(type(self).model_fields)}")
         return self
 
 
@@ -231,9 +231,9 @@ class SearchSpec(Section):
     @model_validator(mode="after")
     def _ends(self) -> Self:
         if not self.budget and not self.stopping:
-            raise ValueError("neither budget nor stopping; at least one of them")
+            raise Invalid("nothing ends the search", "add a budget, stopping, or both")
         if len(self.objectives) > 1:
-            raise _wrong(f"expected one, got {len(self.objectives)} objectives", at="objectives")
+            raise _wrong(Invalid(Got(f"{len(self.objectives)} objectives"), "one"), at="objectives")
         return self
 
     @property
@@ -247,8 +247,8 @@ class SearchSpec(Section):
         return self.objective.direction
 
 
-def _wrong(said: str, at: str) -> PydanticCustomError:
-    return PydanticCustomError("search", "{said}", {"said": said, "at": at})
+def _wrong(error: Invalid, at: str) -> PydanticCustomError:
+    return PydanticCustomError("search", "{error}", {"error": error, "at": at})
 
 
 SEARCH: Final[Location] = ("search",)
@@ -267,7 +267,7 @@ def marker_faults(document: Document, spec: SearchSpec) -> Iterator[Fault]:
     for part in ("parameters", "variations"):
         for where, name in _markers(document.data["search"].get(part), (*SEARCH, part)):
             if name not in spec.search_space:
-                what = f"got {shown(document.value(where))}, a dimension that search_space does not have"
+                what = f"{shown(document.value(where))} names a dimension that search_space does not have"
                 yield document.fault(where, what, did_you_mean(name, spec.search_space))
 
 

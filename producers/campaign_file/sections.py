@@ -22,7 +22,7 @@ from pydantic_core import CoreSchema, PydanticCustomError
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.model.faults import NOT_EXECUTED, Location, shown
 from vastflow.producers.model.numbers import Count, Number, Seed
-from vastflow.sim.model.faults import Fault
+from vastflow.sim.model.faults import Fault, Got, Invalid
 from vastflow.sim.nav2.parameters.robot import NOISE_PLACE, PRESETS, robot_keys
 from vastflow.sim.world.robot_model import Drive
 
@@ -50,11 +50,12 @@ EmptyIsMap = BeforeValidator(lambda value: {} if value is None else value)
 
 def _single_key(value: Any) -> dict[str, Any]:
     if not isinstance(value, Mapping) or not value:
-        raise ValueError(f"expected 'name: value', got {shown(value)}")
+        raise Invalid(Got(shown(value)), "'name: value'")
     if len(value) > 1:
         first, second, *_ = value
-        said = f"a second key in an entry of one; indent it below {first!r}, or begin its own entry with '- '"
-        raise PydanticCustomError("second_key", "{said}", {"said": said, "key": second})
+        right = f"indent it below {first!r}, or begin a new entry with '- '"
+        said = Invalid(f"unexpected second key {second!r}", right)
+        raise PydanticCustomError("second_key", "{error}", {"error": said, "key": second})
     return dict(value)
 
 
@@ -63,8 +64,8 @@ def _named(value: Any) -> dict[str, dict[str, Any]]:
         return {value: {}}
     ((name, parameters),) = _single_key(value).items()
     if parameters is not None and not isinstance(parameters, Mapping):
-        said = f"expected its parameters as a mapping, got {shown(parameters)}"
-        raise PydanticCustomError("parameters", "{said}", {"said": said, "at": name})
+        said = Invalid(Got(shown(parameters)), "its parameters as a mapping")
+        raise PydanticCustomError("parameters", "{error}", {"error": said, "at": name})
     return {name: dict(parameters or {})}
 
 
@@ -115,7 +116,7 @@ def _named_kind(value: Any) -> Any:
         return {"cartesian": {}}
     if type(value) is str:
         right = "cartesian, 't_way: {strength: 2}' or 'sample: {method: lhs, size: 100}'"
-        raise ValueError(f"expected {right}, got {shown(value)}")
+        raise Invalid(Got(shown(value)), right)
     if isinstance(value, dict):
         return {key: {} if item is None else item for key, item in value.items()}
     return value
@@ -158,8 +159,8 @@ class Stop(Section):
     @model_validator(mode="after")
     def _in_order(self) -> "Stop":
         if not self.systematic < self.reliable:
-            what = f"systematic is {self.systematic} and reliable {self.reliable}"
-            raise ValueError(f"{what}; systematic below reliable")
+            what = f"'systematic' is {self.systematic} and 'reliable' {self.reliable}"
+            raise Invalid(what, "'systematic' must be less than 'reliable'")
         return self
 
 
@@ -176,7 +177,7 @@ class Sequential(Section):
     @model_validator(mode="after")
     def _room(self) -> "Sequential":
         if self.min > self.max:
-            raise ValueError(f"min is {self.min} and max {self.max}; min of max or less")
+            raise Invalid(f"'min' is {self.min} and 'max' {self.max}", "'min' must not be greater than 'max'")
         return self
 
 
@@ -314,7 +315,8 @@ def robot_places(
             continue
         if key in fixed:
             line, _ = document.place(fixed[key], "key")
-            faults.append(document.fault(where, f"a second {key!r}", f"one; the first is in line {line}", "key"))
+            what = f"duplicate key {key!r}, given in line {line} already"
+            faults.append(document.fault(where, what, "keep one of them", "key"))
         found[key] = where
     return found, faults
 

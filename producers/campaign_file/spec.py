@@ -25,7 +25,8 @@ from vastflow.producers.campaign_file.sections import (
 from vastflow.producers.model.faults import Location
 from vastflow.producers.model.numbers import Amount, Count, Positive, Seed
 from vastflow.producers.model.producer import find_producer, known_producers
-from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.faults import Got, Invalid
+from vastflow.sim.model.names import nearest
 from vastflow.sim.model.scenario import Dimension
 from vastflow.sim.nav2.parameter_files.releases import Release
 
@@ -41,7 +42,7 @@ def _family_name(name: str) -> str:
     wrong = any(c in '_./\\:*?"<>|' or c.isspace() or not c.isprintable() or c != c.lower() for c in name)
     if wrong or not name or name.startswith("-") or len(name) > MAX_NAME:
         right = "lowercase letters, digits and hyphens, such as 'rooms-noise', at most 100"
-        raise ValueError(f"expected {right}, got {name[:MAX_NAME]!r}")
+        raise Invalid(Got(repr(name[:MAX_NAME])), right)
     return name
 
 
@@ -50,14 +51,14 @@ def _inside(path: str) -> str:
     for part in PurePosixPath(path).parts:
         depth += -1 if part == ".." else 1
         if part == "/" or depth < 0:
-            raise ValueError(f"expected a path below the campaign file's folder, got {path!r}")
+            raise Invalid(Got(repr(path)), "a path below the campaign file's folder")
     return path
 
 
 def _one_env(entry: dict[str, Any]) -> dict[str, Any]:
     if name := next((name for name in entry if name in RESERVED_ENV), None):
-        said = f"{name} is set for every run; another name"
-        raise PydanticCustomError("reserved", "{said}", {"said": said, "at": name})
+        said = Invalid(f"{name} is set for every run", "choose another name")
+        raise PydanticCustomError("reserved", "{error}", {"error": said, "at": name})
     return entry
 
 
@@ -241,7 +242,7 @@ class Notebooks(Section):
 
 def _one_tab(entry: dict[str, Notebooks]) -> dict[str, Notebooks]:
     if len(entry) != 1:
-        raise ValueError(f"expected one, as 'Tab: ...', got {len(entry)} tabs in one entry")
+        raise Invalid(Got(f"{len(entry)} tabs in one entry"), "one, as 'Tab: ...'")
     return entry
 
 
@@ -284,7 +285,7 @@ def is_tolerated_in_family(key: str) -> bool:
     """Whether an unknown key of a family is tolerated, because it resembles no known key."""
     known = FamilySpec.model_fields
     usual = {*ExecutionSpec.model_fields, "description", "title", "metadata"}
-    return key not in known and (key in usual or not did_you_mean(key, known).startswith("did"))
+    return key not in known and (key in usual or nearest(key, known) is None)
 
 
 def unexecuted(section: BaseModel, location: Location = ()) -> Iterator[tuple[Location, str]]:

@@ -25,12 +25,12 @@ from vastflow.producers.floorplan.grid import LASER_HEIGHT_M, RESOLUTION_M, grid
 from vastflow.producers.floorplan.variation import GREATEST_SEED
 from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import Fragment, Rejection
-from vastflow.producers.model.faults import AS_DRAWN, MISSING_FILE
+from vastflow.producers.model.faults import MISSING_FILE
 from vastflow.producers.model.numbers import Count, NotNegative, Positive, Seed
 from vastflow.producers.model.producer import Draws, Producer
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import Fault, FileError
+from vastflow.sim.model.faults import Fault, FileError, Invalid
 from vastflow.sim.model.scenario import Dimension
 
 MESH_KEY = "mesh_file"
@@ -158,12 +158,12 @@ def _drawn_notes(file: VariationFile, seeds: range) -> tuple[Fault, ...]:
                 found.setdefault(kind, []).append((seed, note))
     for (seed, note), *others in found.values():
         several = f" and in {len(others)} more of the first {len(looked_at)} variations" if others else ""
-        noted.append(replace(note, problem=f"{AS_DRAWN} {seed}{several}: {note.problem}"))
+        noted.append(replace(note, problem=f"as drawn with seed {seed}{several}, {note.problem}", kind="drawn"))
     return tuple(noted)
 
 
 def _kind(note: Fault) -> tuple[int, int, str, str]:
-    return note.place.line, note.place.column, note.place.where, _NUMBER.sub("#", note.problem)
+    return note.place.line, note.place.column, note.place.where, _NUMBER.sub("#", str(note.problem))
 
 
 class FloorplanGenerationParameters(EnvironmentParameters):
@@ -206,7 +206,7 @@ class FloorplanVariationParameters(EnvironmentParameters):
     def _check_seed(self) -> Self:
         last = self.seed + self.num_variations - 1
         if last > GREATEST_SEED:
-            raise ValueError(f"the last seed is {last}; at most {GREATEST_SEED}")
+            raise Invalid(f"the last seed is {last}", f"the greatest is {GREATEST_SEED}")
         return self
 
 

@@ -28,6 +28,7 @@ from vastflow.producers.places.stops import (
     start_key,
 )
 from vastflow.sim.model.digest import Value, digest
+from vastflow.sim.model.faults import Invalid
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Dimension
@@ -41,7 +42,7 @@ LIST_KEY: Final = "static_objects"
 """The usual key of a list of obstacles."""
 LISTS_KEY: Final = "_obstacles"
 """Key to list of the obstacles that producers placed so far, for those that place more."""
-DIFFERS: Final = "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does placement: as_v1"
+DIFFERS: Final = "Obstacles keep clear of walls and of each other. Version 1 of RoboVAST places them otherwise, as does placement: as_v1."
 """Note on the default placement, if the other rule gives other places."""
 
 
@@ -74,7 +75,7 @@ class ObstacleConfig(BaseModel):
     def _check(self) -> Self:
         if (self.amount is None) == (self.amount_per_m is None):
             found = "neither amount nor amount_per_m is" if self.amount is None else "amount and amount_per_m are both"
-            raise ValueError(f"{found} given; one of them")
+            raise Invalid(f"{found} given", "keep one of them")
         self.pattern()
         return self
 
@@ -236,7 +237,7 @@ class ObstacleProducer(Producer[O]):
         """Return random obstacles as entries of a list, or the reason why there is no room."""
         wanted = [kind.wanted(site.length_m) for kind in kinds]
         if (total := sum(each.amount for each in wanted)) > MOST_OBSTACLES:
-            return f"{total} obstacles were asked for; at most {MOST_OBSTACLES}"
+            return f"{total} obstacles were asked for, and the most are {MOST_OBSTACLES}"
         find = place if self.parameters.placement == "constructive" else place_as_v1
         obstacles = find(site, wanted, draws(int(digest(dict(requested))[:16], 16)))
         if isinstance(obstacles, str):

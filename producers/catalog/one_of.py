@@ -13,7 +13,7 @@ from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.producer import Draws, Producer, evaluate, find_producer
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import Fault
+from vastflow.sim.model.faults import Fault, Invalid
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import Dimension
 from vastflow.sim.plug_ins.neighbors import PlugInError
@@ -33,9 +33,9 @@ def _child(value: Any, info: ValidationInfo) -> Producer[Any]:
     try:
         kind = find_producer(name, Path((info.context or {}).get("base", ".")))
     except Exception as error:
-        why = f"{name!r} can't be imported: {type(error).__name__}: {error}; a producer that can be imported"
-        said = str(error) if isinstance(error, PlugInError) else why
-        raise PydanticCustomError("child", "{said}", {"said": said, "at": name}) from error
+        why = Invalid(f"{name!r} can't be imported: {type(error).__name__}: {error}")
+        said = error if isinstance(error, PlugInError) else why
+        raise PydanticCustomError("child", "{error}", {"error": said, "at": name}) from error
     try:
         return kind(kind.Parameters.model_validate({} if given is None else given, context=info.context))
     except ValidationError as error:
@@ -49,10 +49,10 @@ def _below(name: str, kind: type[Producer[Any]], detail: ErrorDetails) -> InitEr
     context = detail.get("ctx", {})
     what: str | PydanticCustomError = detail["type"]
     if detail["type"] == "extra_forbidden" and len(detail["loc"]) == 1:
-        said = f"unknown key {key!r}; {did_you_mean(key, kind.Parameters.model_fields)}"
-        what = PydanticCustomError("child", "{said}", {"said": said})
+        unknown = Invalid(f"unknown key {key!r}", did_you_mean(key, kind.Parameters.model_fields))
+        what = PydanticCustomError("child", "{error}", {"error": unknown})
     elif detail["type"] == "missing":
-        what = PydanticCustomError("child", "{said}", {"said": f"no {key!r}; it has no default"})
+        what = PydanticCustomError("child", "{error}", {"error": Invalid(f"{key!r} is missing", "it has no default")})
     elif detail["type"] not in PYDANTICS_OWN:
         what = PydanticCustomError(detail["type"], "{said}", {**context, "said": detail["msg"]})
     return InitErrorDetails(type=what, loc=(name, *detail["loc"]), input=detail["input"], ctx=context)

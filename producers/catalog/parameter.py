@@ -18,6 +18,7 @@ from vastflow.producers.model.numbers import Count, NotNegative, Number, Seed
 from vastflow.producers.model.producer import Draws, Producer
 from vastflow.producers.places.ground import MAP_FILE_KEYS, map_value, serializable
 from vastflow.sim.model.digest import Value, digest
+from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.obstacle import lists_obstacles
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.nav2.parameter_files.interpretation import noise_value
@@ -145,7 +146,7 @@ class UniformParameters(DistributionParameters):
     def _check(self) -> Self:
         _check_bounds(self.type, self.min, self.max)
         if self.type in FLAG and not 0 <= self.min <= self.max <= 1:
-            raise ValueError(f"max {self.max} is the probability of true for a bool; 0 to 1, as is min")
+            raise Invalid(f"'max' {self.max} is no probability", "for a bool, 'max' is the probability of true")
         return self
 
 
@@ -204,7 +205,7 @@ class ParameterVariationDistributionGaussian(DistributionProducer[GaussianParame
 
 def _check_bounds(kind: ParameterKind, low: float | None, high: float | None) -> None:
     if low is not None and high is not None and low > high:
-        raise ValueError(f"min {low} is greater than max {high}; min <= max")
+        raise Invalid(f"'min' is {low} and 'max' {high}", "'min' must not be greater than 'max'")
     for name, bound in (("min", low), ("max", high)):
         if kind in WHOLE and bound is not None and not bound.is_integer():
-            raise ValueError(f"{name} is {bound} for type int; a whole number")
+            raise Invalid(Got(f"{name} {bound}"), "a whole number for type int")

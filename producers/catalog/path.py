@@ -60,6 +60,7 @@ from vastflow.producers.places.stops import (
     start_key,
 )
 from vastflow.sim.model.digest import FileContent, Value, digest
+from vastflow.sim.model.faults import Invalid
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Dimension
 
@@ -143,9 +144,9 @@ class PathParameters(LengthParameters):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.num_goal_poses is not None and self.num_goal_poses_per_m is not None:
-            raise ValueError("num_goal_poses and num_goal_poses_per_m are both given; one of them")
+            raise Invalid("num_goal_poses and num_goal_poses_per_m are both given", "keep one of them")
         if self.goal_poses == GOAL_KEY and (self.num_goal_poses_per_m is not None or (self.num_goal_poses or 1) > 1):
-            raise ValueError("goal_poses is '@goal_pose', which holds one goal; '@goal_poses' for several")
+            raise Invalid("goal_poses is '@goal_pose', which holds one goal", "write '@goal_poses' for several")
         return self
 
 
@@ -216,7 +217,7 @@ class PathVariationRandom(PathProducer[PathParameters]):
         """Return what draws paths of this length through so many goals, on a ground with the stops that are given."""
         asked, tolerance_m = self.parameters, self.parameters.path_length_tolerance
         if n_goals > MOST_GOALS:
-            return _always(f"a path of {length_m:g} m was to have {n_goals} goals; at most {MOST_GOALS}")
+            return _always(f"a path of {length_m:g} m was to have {n_goals} goals, and the most are {MOST_GOALS}")
         for name, pose in (("start", start), *((f"goal {i}", goal) for i, goal in enumerate(goals, 1))):
             if pose is not None and not ground.stands(pose.x_m, pose.y_m):
                 return _always(f"the given {name} ({pose.x_m:g}, {pose.y_m:g}) is no place for {ground.robot_text}")
@@ -244,7 +245,7 @@ class PathVariationRandom(PathProducer[PathParameters]):
                 return legs
             unproved = f"for {robot} no {what} was found from {MAX_STARTS} starts, {UNPROVED}"
             reason = unproved if search.gave_up else f"this map has no {what} for {robot}"
-            return f"{reason}; the longest shortest path found is {search.longest_m:.2f} m"
+            return f"{reason}. The longest shortest path found is {search.longest_m:.2f} m"
 
         return anywhere
 
@@ -281,7 +282,7 @@ def _to_given_goals(ground: Ground, start: Pose | None, goals: Sequence[Pose], r
             return [leg.reversed(), *legs]
         return (
             f"no start is {length_text(rest.length_m, rest.tolerance_m)} from the first given goal for "
-            f"{ground.stopping_robot_text}; the longest shortest path from there is {farthest_m(ground, cells[0]):.2f} m"
+            f"{ground.stopping_robot_text}. The longest shortest path from there is {farthest_m(ground, cells[0]):.2f} m"
         )
 
     return to_given_goals

@@ -95,7 +95,7 @@ class PathVariationRasterized(PathProducer[RasterParameters]):
         raster = _Raster(ground, points, None if start is None else ground.occupancy.cell_of(start.x_m, start.y_m))
         if raster.n_others < 1 or len(points) > MAX_POINTS:
             bound = f"at most {MAX_POINTS}" if len(points) > MAX_POINTS else "too few for a path"
-            return f"a raster of {asked.raster_size:g} m has {len(points)} points for {ground.stopping_robot_text} on this map; {bound}"
+            return f"a raster of {asked.raster_size:g} m has {len(points)} points for {ground.stopping_robot_text} on this map, {bound}"
         return raster
 
 
@@ -163,9 +163,9 @@ class _Raster:
             return None
         what = f"{legs_text(n_goals)} of {length_text(request.length_m, request.tolerance_m)} for {robot}"
         n_apart = n_pairs - self._n_connected(starts)
-        apart = f"; {n_apart} of {n_pairs} pairs are not connected" if n_apart else ""
+        apart = f". {n_apart} of {n_pairs} pairs are not connected" if n_apart else ""
         longest = (
-            "" if n_paths else f"; the longest shortest path between two of its points is {self._longest_m():.2f} m"
+            "" if n_paths else f". The longest shortest path between two of its points is {self._longest_m():.2f} m"
         )
         return f"{n_asked - n_paths} of {n_asked} {of} on the raster have no {what}{apart}{longest}"
 

@@ -92,7 +92,7 @@ class ObstacleVariationWithDistanceTrigger(ObstacleProducer[TriggeredObstaclePar
         asked = self.parameters
         for key in (asked.spawn_trigger_point, asked.spawn_trigger_threshold):
             if key in inputs:
-                return f"{key} is written already, for another trigger; a key of its own for this one"
+                return f"{key} is written already, for another trigger. Give this one a key of its own."
         return super()._site(inputs)
 
     def _part(self, site: Site, kinds: Sequence[ObstacleConfig], given: Mapping[str, Any]) -> Site | str:
@@ -104,11 +104,11 @@ class ObstacleVariationWithDistanceTrigger(ObstacleProducer[TriggeredObstaclePar
         wanted = [kind.wanted(site.length_m) for kind in kinds]
         total = sum(each.amount for each in wanted)
         if total != 1:
-            return f"{total} obstacles were asked for on a path of {site.length_m:.2f} m; one for one trigger"
+            return f"{total} obstacles were asked for on a path of {site.length_m:.2f} m, and one trigger needs one"
         (pattern,) = [each.pattern for each in wanted if each.amount]
         least_m = pattern.circumradius_m + site.ground.robot_diameter_m / 2
         if distance_m < least_m and constructive:
-            return f"at {distance_m:g} m the obstacle would appear where the robot is; a trigger_distance of {least_m:.2f} m"
+            return f"at {distance_m:g} m the obstacle would appear where the robot is. Expected a trigger_distance of {least_m:.2f} m"
         rest = beyond(site.path_xy_m, distance_m)
         if not len(rest):
             return f"the path of {site.length_m:.2f} m ends before {distance_m:g} m, where the trigger could be set off"

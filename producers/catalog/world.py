@@ -117,7 +117,7 @@ class WorldVariation(Producer[WorldParameters]):
             reason = self._blocked(world_of(occupancy_of(map_file), difference), stops)
             if not reason:
                 return value
-        return f"in none of {TRIES} worlds that were drawn does the robot find a path; in the last one {reason}"
+        return f"in none of {TRIES} worlds that were drawn does the robot find a path. In the last one, {reason}"
 
     def _blocked(self, world: OccupancyMap, stops: Mapping[str, Pose | None]) -> str:
         """Why the robot finds no path in a world; empty where it does."""

@@ -12,7 +12,7 @@ from vastflow.producers.model.faults import Location, path_text, shown
 from vastflow.producers.model.producer import Producer
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.faults import Fault, FileError, Got, Place
 from vastflow.sim.model.names import did_you_mean
 
 MOST_REPORTED: Final = 3
@@ -58,7 +58,7 @@ class Checker:
                     return ExcludedInstance(self._family, partial.name, constraint.name, looked)
             except NotEvaluable as error:
                 what = f"constraint {constraint.name!r} can't be evaluated for {partial.name}: {error}"
-                right = "an expression that is true or false of every configuration; 'defined(name) implies …' where a name is not always there"
+                right = "it must be true or false of every configuration: write 'defined(name) implies …' where a name is not always there"
                 faults = self._faults.setdefault(constraint.name, [])
                 if len(faults) < MOST_REPORTED:
                     faults.append(Fault(constraint.place, what, right))
@@ -110,13 +110,13 @@ def read_constraints(document: Document, location: Location) -> tuple[list[Const
     seen: set[str] = set()
     for where, name, text in _entries(document, location, faults):
         if name in seen:
-            faults.append(document.fault(where, f"a second constraint {name!r}", "another name", "key"))
+            faults.append(document.fault(where, f"duplicate constraint {name!r}", "choose another name", "key"))
             continue
         seen.add(name)
         if not name.strip() or len(name) > MOST_NAME:
-            faults.append(document.fault(where, f"got {shown(name)}", f"a name of 1 to {MOST_NAME} characters", "key"))
+            faults.append(document.fault(where, Got(shown(name)), f"a name of 1 to {MOST_NAME} characters", "key"))
         elif not isinstance(text, str):
-            faults.append(document.fault(where, f"got {shown(text)}", "an expression such as 'robot_radius < 0.3'"))
+            faults.append(document.fault(where, Got(shown(text)), "an expression such as 'robot_radius < 0.3'"))
         else:
             place = Place(document.file, *document.place(where), path_text(where))
             try:
@@ -136,7 +136,7 @@ def unknown_names(document: Document, constraint: Constraint, written: set[str])
         if name.text.startswith("_") or name.text in QUANTITIES or not written.isdisjoint(keys):
             continue
         line, column = place_inside(document.text, (place.line, place.column), text, name.offset)
-        what = f"{name.text!r} is written by nothing in this family"
+        what = f"nothing in this family writes {name.text!r}"
         yield Fault(replace(place, line=line, column=column), what, did_you_mean(keys[-1], {*written, *QUANTITIES}))
 
 
@@ -189,7 +189,7 @@ def _entries(document: Document, location: Location, faults: list[Fault]) -> Ite
                 if isinstance(entry, dict) and len(entry) == 1:
                     yield from (((*location, k, name), name, text) for name, text in entry.items())
                 else:
-                    faults.append(document.fault((*location, k), f"got {shown(entry)}", "'name: \"expression\"'"))
+                    faults.append(document.fault((*location, k), Got(shown(entry)), "'name: \"expression\"'"))
         case other if other is not None:
             right = "a list of named expressions, '- name: \"expression\"'"
-            faults.append(document.fault(location, f"got {shown(other)}", right))
+            faults.append(document.fault(location, Got(shown(other)), right))

@@ -23,7 +23,7 @@ from vastflow.producers.constraints.operations import (
     compared,
     kind_of,
 )
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.faults import Fault, FileError, Got, Place, Problem
 from vastflow.sim.model.names import did_you_mean
 
 __all__ = ["ConstraintExpression", "ExpressionName", "NotEvaluable", "expression_of"]
@@ -94,13 +94,13 @@ def expression_of(text: str) -> ConstraintExpression:
         FileError: the first thing wrong with it.
     """
     if len(text) > MOST_CHARACTERS:
-        raise _fault(MOST_CHARACTERS, f"{len(text)} characters", f"at most {MOST_CHARACTERS}; several constraints")
+        raise _fault(MOST_CHARACTERS, f"more than {MOST_CHARACTERS} characters", "write several constraints")
     if not text.strip():
-        raise _fault(0, "got nothing", "an expression such as 'robot_radius < 0.3'")
+        raise _fault(0, Got("nothing"), "an expression such as 'robot_radius < 0.3'")
     tree = _Tree(text, _UNLIKE_PYTHON.sub(_in_python, text))
     whole = tree.parsed()
     if (kind := tree.kind(whole)) not in ("a value", "true or false"):
-        raise tree.fault(whole, f"the whole is {kind}", "a comparison: true or false")
+        raise tree.fault(whole, Got(kind), "a comparison, which is true or false")
     names: dict[str, ExpressionName] = {}
     for name in tree.leaves.values():
         if isinstance(name, ExpressionName):
@@ -119,7 +119,7 @@ def _unexpected(text: str, offset: int, right: str | None = None) -> FileError:
     if right is None:
         needs_value = word in ("and", "or", "in") or not _NAME.match(word)
         right = "a number, a name, text in quotes or '('" if needs_value else "an operator such as '<', 'and' or '*'"
-    return _fault(offset, f"got {word!r}" if word else "the expression ends too early", right)
+    return _fault(offset, Got(repr(word) if word else "the end of the expression"), right)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +161,7 @@ class _Tree:
                 return self._leaf(node)
             case ast.Constant(value=bool() | int() | float() as value):
                 if abs(value) > 1e300:
-                    raise self.fault(node, f"got {self._written(node)[:20]}", "a number below 1e300")
+                    raise self.fault(node, Got(self._written(node)[:20]), "a number below 1e300")
                 self.leaves[node] = value
                 return kind_of(value)
             case ast.List():
@@ -170,7 +170,7 @@ class _Tree:
                 return self._checked_call(node, kinds)
             case ast.BinOp(op=operator):
                 if not {*kinds} <= {"a value", "a number"}:
-                    what = f"got {kinds[0]} {SYMBOLS[type(operator)]} {kinds[1]}"
+                    what = Got(f"{kinds[0]} {SYMBOLS[type(operator)]} {kinds[1]}")
                     raise self._unlike(operands[0], what, "numbers on both sides")
                 return "a number"
             case ast.Compare(ops=relations):
@@ -181,7 +181,7 @@ class _Tree:
         takes: ValueKind = "a number" if is_sign else "true or false"
         for each, kind in zip(operands, kinds, strict=True):
             if kind not in ("a value", takes):
-                raise self.fault(each, f"got {kind}", takes)
+                raise self.fault(each, Got(kind), takes)
         return takes
 
     def _operands(self, node: ast.expr) -> Sequence[ast.expr]:
@@ -250,35 +250,35 @@ class _Tree:
         name = self._written(node.func)
         if name == "defined":
             if len(kinds) != 1 or not isinstance(self.leaves.get(node.args[0]), ExpressionName):
-                raise self.fault(node, "got 'defined' of something else", "defined of one name")
+                raise self.fault(node, Got("'defined' of something else"), "defined of one name")
             return "true or false"
         if name not in FUNCTIONS:
-            raise self.fault(node, f"no function {name!r}", did_you_mean(name, FUNCTIONS))
+            raise self.fault(node, f"unknown function {name!r}", did_you_mean(name, FUNCTIONS))
         _, least, most, takes = FUNCTIONS[name]
         if not least <= len(kinds) <= most:
             several = f"{least}" if least == most else f"{least} or more" if most > 2 else f"{least} or {most}"
-            raise self.fault(node, f"{name} of {len(kinds)} values", f"{name} of {several}")
+            raise self.fault(node, Got(f"{name} of {len(kinds)} values"), f"{name} of {several}")
         for argument, kind in zip(node.args, kinds, strict=True):
             if kind not in ("a value", *takes):
-                raise self.fault(argument, f"{name} of {kind}", " or ".join(takes))
+                raise self.fault(argument, Got(f"{name} of {kind}"), " or ".join(takes))
         return "a number"
 
     def _check_relation(self, symbol: str, operands: Sequence[ast.expr], kinds: Sequence[ValueKind]) -> None:
         if symbol in ("in", "not in"):
             if kinds[1] not in ("a value", "a list"):
-                raise self.fault(operands[1], f"got {kinds[1]}", f"a list after {symbol!r}")
+                raise self.fault(operands[1], Got(kinds[1]), f"a list after {symbol!r}")
         elif "a list" in kinds:
-            raise self._unlike(operands[0], f"{symbol!r} of a list", "'in'")
+            raise self._unlike(operands[0], Got(f"{symbol!r} of a list"), "'in'")
         elif "a value" not in kinds and kinds[0] != kinds[1]:
-            raise self._unlike(operands[0], f"got {kinds[0]} {symbol} {kinds[1]}", "values of one kind")
+            raise self._unlike(operands[0], Got(f"{kinds[0]} {symbol} {kinds[1]}"), "values of one kind")
         elif "true or false" in kinds and symbol not in ("==", "!="):
-            raise self._unlike(operands[0], f"{symbol!r} of true and false", "'==', 'and' or 'or'")
+            raise self._unlike(operands[0], Got(f"{symbol!r} of true and false"), "'==', 'and' or 'or'")
 
-    def _unlike(self, left: ast.expr, what: str, right: str) -> FileError:
+    def _unlike(self, left: ast.expr, what: Problem, right: str) -> FileError:
         behind = self._offset(left.end_col_offset or 0)
         return _fault(len(self.text) - len(self.text[behind:].lstrip(" \n\t)")), what, right)
 
-    def fault(self, node: ast.expr, what: str, right: str) -> FileError:
+    def fault(self, node: ast.expr, what: Problem, right: str) -> FileError:
         """Return a fault at a node."""
         return _fault(self._offset(node.col_offset), what, right)
 
@@ -291,13 +291,13 @@ class _Tree:
         return at - (len(_WORDS["implies"]) - len("implies")) * self.python.count(_WORDS["implies"], 0, at)
 
 
-def _fault(offset: int, problem: str, expected: str) -> FileError:
+def _fault(offset: int, problem: Problem, expected: str) -> FileError:
     """Return the error of a fault that many characters from the beginning of an expression."""
     return FileError([Fault(Place("", 1, offset + 1), problem, expected)])
 
 
 def _too_deep(offset: int) -> FileError:
-    return _fault(offset, f"more than {MOST_NESTED} levels deep", "fewer; several constraints")
+    return _fault(offset, f"more than {MOST_NESTED} levels deep", "write several constraints")
 
 
 def _truth(word: str, value: Any) -> bool:

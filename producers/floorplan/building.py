@@ -30,7 +30,7 @@ from vastflow.producers.floorplan.reading import (
     plan_of,
 )
 from vastflow.producers.floorplan.syntax import PlanText
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.faults import Fault, FileError, Place, Problem
 from vastflow.sim.model.files import TextPlace
 
 ROUNDING_M: Final = 1e-9
@@ -195,14 +195,14 @@ class _Builder:
         self._note_misses(holes, walls)
         return Building(plan.name, plan.file, rooms, tuple(walls.values()), obstacles, holes, tuple(self._notes))
 
-    def _fault(self, space: PlanSpace, place: TextPlace, what: str, right: str) -> Fault:
+    def _fault(self, space: PlanSpace, place: TextPlace, what: Problem, right: str) -> Fault:
         return Fault(Place(self._plan.file, *place, f"Space {space.name}"), what, right)
 
     def _sharp(self, space: PlanSpace, x: float, y: float) -> Fault:
         what = f"the corner at ({x:g}, {y:g}) is sharper than 1°, where no walls can meet"
-        return self._fault(space, space.place, what, "a wider angle")
+        return self._fault(space, space.place, what, "make the angle wider")
 
-    def _note(self, opening: Opening, what: str, right: str) -> None:
+    def _note(self, opening: Opening, what: Problem, right: str) -> None:
         where = f"{opening.kind} {opening.name}"
         self._notes.append(Fault(Place(self._plan.file, *opening.place, where), what, right, "warning"))
 
@@ -212,8 +212,8 @@ class _Builder:
             if space.name in chain:
                 *_, last = chain.values()
                 names = list(chain)
-                what = f"placed in a circle: {' by '.join([*names[names.index(space.name) :], space.name])}"
-                raise FileError([self._fault(last, last.wrt.place, what, "one of them placed in the world")])
+                what = f"they are placed in a circle: {' by '.join([*names[names.index(space.name) :], space.name])}"
+                raise FileError([self._fault(last, last.wrt.place, what, "place one of them in the world")])
             chain[space.name] = space
             if space.wrt.space is None:
                 break
@@ -251,20 +251,20 @@ class _Builder:
         (x0, x1), (z0, z1) = map(_span, zip(*opening.outline, strict=True))
         along = f"it reaches from {x0:g} m to {x1:g} m along {first}, which has {-half_m:g} m to {half_m:g} m"
         if min(x1, half_m) - max(x0, -half_m) < SMALLEST_M:
-            self._note(opening, f"it cuts nothing: {along}", f"part of it within ±{half_m:g} m")
+            self._note(opening, f"it cuts nothing, as {along}", f"put part of it within ±{half_m:g} m")
             return None
         if z1 <= 0.0 or z0 >= height_m:
             what = f"it cuts nothing, being {'below the floor' if z1 <= 0.0 else 'above the wall'}"
-            right = f"part of it between 0 m and {height_m:g} m; it reaches from {z0:g} m to {z1:g} m"
+            right = f"it reaches from {z0:g} m to {z1:g} m, and the wall from 0 m to {height_m:g} m"
             self._note(opening, what, right)
             return None
         shape = opening.outline
         if max(-x0, x1) > half_m + ROUNDING_M:
-            self._note(opening, f"{along}, and is cut to that", f"within ±{half_m:g} m")
+            self._note(opening, f"{along}", "it is cut to that")
             shape, x0, x1 = clipped(shape, -half_m, half_m), max(x0, -half_m), min(x1, half_m)
             z0, z1 = _span(z for _, z in shape)
         if z1 > height_m + ROUNDING_M:
-            self._note(opening, f"it reaches up to {z1:g} m, and is cut to its wall", f"at most {height_m:g} m")
+            self._note(opening, f"it reaches up to {z1:g} m", f"it is cut to its wall of {height_m:g} m")
         frame, depth_m = cut[0].frame, sum(wall.thickness_m for wall in cut)
         footprint = frame.outline(((x0, depth_m), (x1, depth_m), (x1, 0.0), (x0, 0.0)))
         names = tuple(wall.name for wall in cut)
@@ -282,7 +282,7 @@ class _Builder:
         for k in np.flatnonzero(missed):
             hole, opening = pairs[k]
             what = f"it does not reach {opening.walls[1]}, {hole.depth_m:g} m deep as it is"
-            self._note(opening, what, f"walls that touch, or {opening.walls[0]} alone")
+            self._note(opening, what, f"name walls that touch, or {opening.walls[0]} alone")
 
 
 def wall_name(space: str, wall: int) -> str:

@@ -8,7 +8,7 @@ from vastflow.producers.floorplan.building import Building, build
 from vastflow.producers.floorplan.syntax import parse
 from vastflow.producers.floorplan.variation import Variation, parse_variation, variation_of
 from vastflow.sim.model import files
-from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place
+from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place, message_of
 
 MOST_BYTES: Final = 1_000_000
 
@@ -54,7 +54,7 @@ def _read_text(path: str | Path) -> str:
         return files.read_text(path, "a floor plan or variation file", MOST_BYTES)
     except files.Unreadable as error:
         kind: FaultKind = "missing" if isinstance(error, files.Missing) else "error"
-        raise FileError([Fault(Place(str(path), *error.place, "file"), error.what, error.right, kind)]) from None
+        raise FileError([Fault(Place(str(path), *error.place), error.problem, error.expected, kind)]) from None
 
 
 def read_plan_file(path: str | Path) -> PlanFile:
@@ -75,8 +75,7 @@ def read_variation_file(path: str | Path) -> VariationFile:
         plan = _read_text(imported)
     except FileError as error:
         fault = error.faults[0]
-        what = f"{str(imported)!r}: {fault.problem}"
-        right = "a floor plan, by its place relative to this file"
+        what = f"{str(imported)!r}: {message_of(fault.problem, fault.expected)}"
         place = Place(str(path), *variation.imported_at, "import")
-        raise FileError([Fault(place, what, right, fault.kind)]) from None
+        raise FileError([Fault(place, what, "", fault.kind)]) from None
     return VariationFile(str(path), text, variation.imported, PlanFile(str(imported), plan))

@@ -7,6 +7,8 @@ from typing import Final, NamedTuple, TypeAlias
 
 import shapely
 
+from vastflow.sim.model.faults import Complaint, Got
+
 Point: TypeAlias = tuple[float, float]
 Outline: TypeAlias = tuple[Point, ...]
 """Corners in order, the last joined to the first."""
@@ -56,22 +58,22 @@ def clipped(outline: Outline, low: float, high: float) -> Outline:
     return outline
 
 
-def outline_fault(outline: Outline) -> tuple[str, str] | None:
+def outline_fault(outline: Outline) -> Complaint | None:
     """Return the problem of a polygon and the expected form; None if it encloses one area."""
     if len(outline) < 3:
-        return f"got a Polygon with {len(outline)} corners", "three corners or more"
+        return Got(f"a Polygon with {len(outline)} corners"), "three corners or more"
     for k, ((x, y), end) in enumerate(edges(outline)):
         if math.dist((x, y), end) < SMALLEST_M:
             what = f"corners {k} and {(k + 1) % len(outline)} of the Polygon are both at ({x:g}, {y:g})"
-            return what, "corners that are apart"
+            return what, "move them apart"
     polygon = shapely.Polygon(outline)
     if not polygon.is_valid:
         reason, _, at = shapely.is_valid_reason(polygon).partition("[")
         place = " near ({:g}, {:g})".format(*map(float, at.rstrip("]").split())) if at else ""
         crosses = "crosses itself" if "intersection" in reason else "touches itself"
-        return f"the Polygon's outline {crosses}{place}", "corners in order round one area"
+        return f"the Polygon's outline {crosses}{place}", "list the corners in order round one area"
     if polygon.area < SMALLEST_M**2:
-        return f"the Polygon's corners enclose {polygon.area:.3g} m²", "corners that enclose an area"
+        return f"the Polygon's corners enclose only {polygon.area:.3g} m²", "they must enclose an area"
     return None
 
 

@@ -94,9 +94,8 @@ def grid_of(
     )
     if rows * columns > MOST_CELLS:
         what = f"{high_x - low_x:g} m × {high_y - low_y:g} m at {resolution_m:g} m are {rows * columns:,} cells"
-        raise FileError(
-            [Fault(Place(building.file, where=f"Floor plan {building.name}"), what, f"at most {MOST_CELLS:,}")]
-        )
+        place = Place(building.file, where=f"Floor plan {building.name}")
+        raise FileError([Fault(place, what, f"at most {MOST_CELLS:,} are allowed")])
     picture = Image.new("L", (columns, rows), GRAY_UNKNOWN)
     draw = ImageDraw.Draw(picture)
 

@@ -17,7 +17,7 @@ from vastflow.producers.floorplan.geometry import (
     signed_area,
 )
 from vastflow.producers.floorplan.syntax import FrameText, Part, PlanText, Quantity
-from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place
+from vastflow.sim.model.faults import Fault, FaultKind, FileError, Got, Place, Problem
 from vastflow.sim.model.files import TextPlace
 from vastflow.sim.model.names import did_you_mean
 
@@ -117,13 +117,16 @@ class _Rules(NamedTuple):
 
 
 _FEATURE: Final = _Rules(
-    ("wrt", "translation", "rotation"), {"wrt": "wrt: this, this.walls[...] or another space"}, "xy", "z"
+    ("wrt", "translation", "rotation"), {"wrt": "write 'wrt:' with this, this.walls[...] or another space"}, "xy", "z"
 )
-_OPENING: Final = _Rules(("in", "translation", "rotation"), {"in": "in: space.walls[...]"}, "xz", "y")
+_OPENING: Final = _Rules(("in", "translation", "rotation"), {"in": "write 'in: space.walls[...]'"}, "xz", "y")
 RULES: Final[Mapping[str, _Rules]] = {
     "Space": _Rules(
         ("wrt", "of", "translation", "rotation", "not aligned", "spaced"),
-        {"wrt": "wrt: world, another space or one of its walls", "of": "of: this, or one of its walls"},
+        {
+            "wrt": "write 'wrt:' with world, another space or one of its walls",
+            "of": "write 'of:' with this, or one of its walls",
+        },
         "xy",
         "z",
     ),
@@ -173,22 +176,22 @@ class _Reader:
             number: Quantity = variable.value
             if not number.unit:
                 where = f"variable {variable.token}"
-                self._fault(number.token, where, "no unit", "m for a length, rad or deg for an angle")
+                self._fault(number.token, where, "the unit is missing", "add m for a length, rad or deg for an angle")
             self._variables.setdefault(str(variable.token), (self._number(number), number.unit or "m"))
 
     def plan(self) -> FloorPlan:
         text = self._text
         defaults = text.of("Defaults")
         for second in defaults[1:]:
-            right = f"one; line {defaults[0].token.line} has it"
-            self._fault(second.token, "Defaults", "a second 'Defaults'", right)
+            right = f"line {defaults[0].token.line} has it already"
+            self._fault(second.token, "Defaults", "duplicate 'Defaults'", right)
         walls = self._parts(defaults[0].by_key.get("walls", ()), "Defaults: walls") if defaults else {}
         openings = text.of("Entryway", "Window")
         self._distinct("space", text.of("Space"))
         self._distinct("opening", openings)
         spaces = [self._section(each, str(each.token)) for each in text.of("Space")]
         if not spaces:
-            self._fault(text.token, f"Floor plan {text.token}", "no space", "at least one 'Space name:'")
+            self._fault(text.token, f"Floor plan {text.token}", "there is no space", "add a 'Space name:'")
         outlines = [self._outline(space) for space in spaces]
         for space, outline in zip(spaces, outlines, strict=True):
             self._corners.setdefault(str(space.token), len(outline) or None)
@@ -203,7 +206,7 @@ class _Reader:
         cut = tuple(self._opening(self._section(each, None)) for each in openings)
         return FloorPlan(str(text.token), text.file, read, tuple(features), cut, tuple(self._notes))
 
-    def _fault(self, token: Token, where: str, what: str, right: str, kind: FaultKind = "error") -> None:
+    def _fault(self, token: Token, where: str, what: Problem, right: str, kind: FaultKind = "error") -> None:
         found = Fault(Place(self._text.file, *_place(token), where), what, right, kind)
         (self.faults if kind == "error" else self._notes).append(found)
 
@@ -211,18 +214,18 @@ class _Reader:
         first: dict[str, Token] = {}
         for name in (part.token for part in parts):
             if first.setdefault(str(name), name) is not name:
-                right = f"another name; line {first[name].line} has it"
-                self._fault(name, f"{kind} {name}", f"a second {kind} {str(name)!r}", right)
+                right = f"line {first[name].line} has it already"
+                self._fault(name, f"{kind} {name}", f"duplicate {kind} {str(name)!r}", right)
 
     def _parts(self, parts: Iterable[Part], where: str, known: Sequence[str] | None = None) -> dict[str, Part]:
         """Parts by key: the first of each, unknown ones omitted."""
         found: dict[str, Part] = {}
         for part in parts:
             if known is not None and part.key not in known:
-                self._fault(part.token, where, f"got {part.key!r}", f"only {', '.join(known)} can stand here")
+                self._fault(part.token, where, Got(repr(part.key)), " or ".join(known))
             elif part.key in found:
-                right = f"one; line {found[part.key].token.line} has it"
-                self._fault(part.token, where, f"a second {part.key!r}", right)
+                right = f"line {found[part.key].token.line} has it already"
+                self._fault(part.token, where, f"duplicate {part.key!r}", right)
             else:
                 found[part.key] = part
         return found
@@ -232,13 +235,13 @@ class _Reader:
         where = f"{section.key} {inside}{section.token}"
         parts, rules = self._parts(section.value, where), RULES[section.key]
         if "location" not in parts:
-            right = f"location: with {' and '.join(rules.needed)}"
-            self._fault(section.token, where, "no 'location'", right)
+            right = f"add 'location:' with {' and '.join(rules.needed)}"
+            self._fault(section.token, where, "'location' is missing", right)
             return _Section(section.key, section.token, where, parts, {}, this)
         location = self._parts(parts["location"].value, f"{where}: location", rules.known)
         for key, right in rules.needed.items():
             if key not in location:
-                self._fault(section.token, where, f"no {key!r} in its location", right)
+                self._fault(section.token, where, f"{key!r} is missing in its location", right)
         return _Section(section.key, section.token, where, parts, location, this)
 
     # Numbers
@@ -252,37 +255,37 @@ class _Reader:
         if not quantity.is_variable:
             return self._number(quantity), quantity.unit or unit
         if token not in self._variables:
-            right = did_you_mean(str(token), self._variables) if self._variables else f"'var {token} = ...' declares it"
-            self._fault(token, where, f"no variable {str(token)!r}", right)
+            right = did_you_mean(str(token), self._variables, f"declare it by 'var {token} = ...'")
+            self._fault(token, where, f"unknown variable {str(token)!r}", right)
             return math.nan, unit
         value, found = self._variables[token]
         if (found == "m") != (unit == "m"):
-            self._fault(token, where, f"variable {str(token)!r} is in {found}", f"{what}, in {unit}")
+            self._fault(token, where, Got(f"variable {str(token)!r} in {found}"), f"{what}, in {unit}")
         return (-value if quantity.negated else value), found
 
     def _length(self, quantity: Quantity, where: str) -> float:
         value, unit = self._value(quantity, where, "m", "a length")
         if unit != "m" and not quantity.is_variable:
-            self._fault(quantity.token, where, f"got {quantity.token}", "a length, in m")
+            self._fault(quantity.token, where, Got(quantity.token), "a length, in m")
         if abs(value) > LARGEST_M:
-            self._fault(quantity.token, where, f"got {value:g} m", f"a length of at most {LARGEST_M:g} m")
+            self._fault(quantity.token, where, Got(f"{value:g} m"), f"a length of at most {LARGEST_M:g} m")
         return value
 
     def _size(self, quantity: Quantity, where: str, what: str) -> float:
         value = self._length(quantity, where)
         if value < SMALLEST_M:
-            self._fault(quantity.token, where, f"{what} is {value:g} m", f"at least {SMALLEST_M:g} m")
+            self._fault(quantity.token, where, f"{what} is {value:g} m", f"it must be at least {SMALLEST_M:g} m")
         return value
 
     def _angle(self, quantity: Quantity, where: str) -> float:
         value, unit = self._value(quantity, where, "rad", "an angle")
         if unit == "m" and not quantity.is_variable:
-            self._fault(quantity.token, where, f"got {quantity.token}", "an angle, in rad or deg")
+            self._fault(quantity.token, where, Got(quantity.token), "an angle, in rad or deg")
         if not quantity.is_variable and not quantity.unit and abs(value) > math.tau:
-            what = f"got {quantity.text}, which is in radians without a unit"
-            self._fault(quantity.token, where, what, f"{quantity.text} deg, or at most one turn", "warning")
+            what = f"without a unit, {quantity.text} is in radians and more than a turn"
+            self._fault(quantity.token, where, what, f"did you mean '{quantity.text} deg'?", "warning")
         if math.isinf(value):
-            self._fault(quantity.token, where, f"got {quantity.token}", "a finite number")
+            self._fault(quantity.token, where, Got(quantity.token), "a finite number")
             return math.nan
         return math.radians(value) if unit == "deg" else value
 
@@ -292,7 +295,7 @@ class _Reader:
         """Corners in the section's own frame, of an opening as (x, z); empty if unknown."""
         where, upright = section.where, RULES[section.kind] is _OPENING
         if "shape" not in section.parts:
-            self._fault(section.token, where, "no 'shape'", "shape: Rectangle, Polygon or Circle")
+            self._fault(section.token, where, "'shape' is missing", "add a Rectangle, Polygon or Circle")
             return ()
         shape: Part = section.parts["shape"].value
         if shape.key == "Polygon":
@@ -303,7 +306,7 @@ class _Reader:
         wanted, other = ("height", "length") if upright else ("length", "height")
         if other in sizes:
             right = f"width and {wanted}, for it {'stands upright' if upright else 'lies on the floor'}"
-            self._fault(shape.token, where, f"got a Rectangle with {other}", right)
+            self._fault(shape.token, where, Got(f"a Rectangle with {other}"), right)
             return ()
         return rectangle(sizes["width"], sizes[wanted])
 
@@ -314,7 +317,7 @@ class _Reader:
             numbers = [self._length(quantity, where) for quantity in point]
             across = numbers[k] if len(numbers) == 3 else 0.0
             if across != 0.0 and not math.isnan(across):
-                self._fault(point[k].token, where, f"got {axis} = {across:g} m", f"{axis} = 0")
+                self._fault(point[k].token, where, Got(f"{axis} = {across:g} m"), f"{axis} = 0")
             points.append((numbers[0], numbers[-1] if upright else numbers[1]))
         if len(points) > 1 and points[0] == points[-1]:
             del points[-1]
@@ -345,8 +348,8 @@ class _Reader:
         values = {axis: read(part.value, section.where) for axis, part in given.items()}
         for axis, value in values.items():
             if axis not in free and value != 0.0 and not math.isnan(value):
-                right = f"{axis}: 0 or nothing, for it {does} only"
-                self._fault(given[axis].token, where, f"got {axis}: {value:g} {unit}", right)
+                right = f"{axis}: 0 or nothing, as it {does} only"
+                self._fault(given[axis].token, where, Got(f"{axis}: {value:g} {unit}"), right)
         return values
 
     def _frame(self, text: FrameText, section: _Section) -> PlanFrame:
@@ -356,16 +359,16 @@ class _Reader:
             return world
         if name == THIS:
             if section.this is None:
-                self._fault(text.token, where, "got 'this'", "the name of a space; this is inside of none")
+                self._fault(text.token, where, "'this' is inside of no space", "write the name of a space")
                 return world
             name = section.this
         if name not in self._corners:
-            self._fault(text.token, where, f"no space {name!r}", did_you_mean(name, self._corners))
+            self._fault(text.token, where, f"unknown space {name!r}", did_you_mean(name, self._corners))
             return world
         corners = self._corners[name]
         if corners is not None and text.wall is not None and text.wall >= corners:
-            right = f"0 to {corners - 1}, for {name} has {corners} walls"
-            self._fault(text.token, where, f"no wall {name}.walls[{text.wall}]", right)
+            right = f"its walls are 0 to {corners - 1}"
+            self._fault(text.token, where, f"there is no wall {name}.walls[{text.wall}]", right)
         return PlanFrame(name, text.wall, _place(text.token))
 
     def _wrt(self, section: _Section) -> PlanFrame:
@@ -382,8 +385,8 @@ class _Reader:
         for key in ("thickness", "height"):
             part = own.get(key) or defaults.get(key)
             if part is None:
-                what = f"no {key} of its walls, of its own or by Defaults"
-                self._fault(section.token, where, what, f"walls: {key}: ... here or in Defaults")
+                what = f"the {key} of its walls is missing"
+                self._fault(section.token, where, what, f"add 'walls: {key}: ...' here or in Defaults")
             values[key] = self._size(part.value, where, f"the walls' {key}") if part is not None else math.nan
         wrt, offset, of_wall = self._wrt(section), self._offset(section), None
         if "of" in location:
@@ -391,18 +394,18 @@ class _Reader:
             if text.name in (THIS, name):
                 of_wall = self._frame(text, section).wall
             else:
-                right = f"this or this.walls[...]: it says which frame of {name} is placed"
-                self._fault(text.token, f"{where}: location", f"got 'of: {text.token}'", right)
+                right = f"this or this.walls[...], the frame of {name} that is placed"
+                self._fault(text.token, f"{where}: location", Got(f"'of: {text.token}'"), right)
         spaced, straight = location.get("spaced"), location.get("not aligned")
         if spaced is not None and wrt.space is None and "wrt" in location:
-            self._fault(spaced.token, where, "got 'spaced' beside 'wrt: world'", "no 'spaced'; the world has no wall")
+            self._fault(spaced.token, where, "'spaced' is relative to a wall", "the world has none")
         elif spaced is not None and offset.y_m != 0.0:
-            right = "one of the two: 'spaced' leaves room for both walls"
-            self._fault(spaced.token, where, f"got 'spaced' and y: {offset.y_m:g} m", right)
+            right = "keep one of them, as 'spaced' leaves room for both walls"
+            self._fault(spaced.token, where, f"there are 'spaced' and y: {offset.y_m:g} m", right)
         if straight is not None and offset.yaw_rad != 0.0:
-            self._fault(straight.token, where, "got 'not aligned' and a rotation", "the rotation alone says it")
+            self._fault(straight.token, where, "there are 'not aligned' and a rotation", "keep the rotation alone")
         if outline and signed_area(outline) > 0.0:
-            right = "corners in clockwise order for walls outside of the floor"
+            right = "list the corners in clockwise order for walls outside of the floor"
             what = "its corners run counter-clockwise, so its walls grow inwards"
             self._fault(section.token, where, what, right, "warning")
         thickness_m, height_m, place = values["thickness"], values["height"], _place(section.token)
@@ -418,11 +421,11 @@ class _Reader:
         if "height" in section.parts:
             height_m = self._size(section.parts["height"].value, where, "the height")
         else:
-            self._fault(section.token, where, "no 'height'", "height: ... m")
+            self._fault(section.token, where, "'height' is missing", "add 'height: ... m'")
         wrt, outline, offset = self._wrt(section), self._outline(section), self._offset(section)
         if wrt.space is None and "wrt" in location and str(location["wrt"].value.token) == WORLD:
-            right = "a space or one of its walls; a feature belongs to a room"
-            self._fault(location["wrt"].value.token, where, "got 'wrt: world'", right)
+            right = "a space or one of its walls"
+            self._fault(location["wrt"].value.token, where, Got("'wrt: world'"), right)
         kind: FeatureKind = "Column" if section.kind == "Column" else "Divider"
         return Feature(kind, str(section.token), section.this, outline, height_m, wrt, offset)
 
@@ -439,15 +442,15 @@ class _Reader:
             return ()
         where, texts = section.where, section.location["in"].value
         if len(texts) > 2:
-            self._fault(texts[2].token, where, f"got {len(texts)} walls", "one wall, or two with 'and'")
+            self._fault(texts[2].token, where, Got(f"{len(texts)} walls"), "one wall, or two with 'and'")
         for text in texts:
             if text.wall is None and text.name in (WORLD, *self._corners):
                 walls = f"one of its walls, such as {text.name}.walls[0]"
                 right = "the wall of a space" if text.name == WORLD else walls
-                self._fault(text.token, where, f"got {text.name!r}", right)
+                self._fault(text.token, where, Got(repr(text.name)), right)
         frames = tuple(self._frame(text, section) for text in texts)
         if len(set(frames)) < len(frames) and not self.faults:
-            self._fault(texts[1].token, where, f"got {frames[1]} twice", "two walls, or one of them once")
+            self._fault(texts[1].token, where, f"duplicate wall {frames[1]}", "name it once, or two walls")
         return frames
 
 

@@ -12,8 +12,8 @@ from typing import Any, Final
 
 from lark import Lark, Token, Transformer, UnexpectedInput
 
-from vastflow.sim.model.faults import Fault, FileError, Place
-from vastflow.sim.model.syntax import expectation, line_and_column, misfit, spelling
+from vastflow.sim.model.faults import Fault, FileError, Got, Place, Problem
+from vastflow.sim.model.syntax import line_and_column, misfit, misplaced, spelling
 
 SPELLED: Final[Mapping[str, str]] = {
     "NAME": "a name",
@@ -46,17 +46,17 @@ def parsed(parser: Lark, text: str, file: str) -> Any:
     at, before = wrong.start, text[: wrong.start].rstrip()
     match = WORD.match(text, at)
     found = match[0] if match else ""
-    what = f"got {found[:40]!r}" if found else "the file ends here"
+    what: Problem = (got := Got(repr(found[:40]) if found else "the end of the file"))
     if old := WORD_OF_VERSION_1.match(text, at):
         word = " ".join(old[0].removesuffix(":").split()) + ":"
-        what = f"got {word!r}"
-        right = f"{VERSION_1[word]} in version 2, the only one that is read; this is the language's version 1"
+        what = Got(repr(word))
+        right = f"{VERSION_1[word]} in version 2 of the language, as version 1 is not read"
     elif found[:1].isalpha() and NUMBER_AT_END.search(before):
         right = "a unit, 'm' for a length, 'rad' or 'deg' for an angle"
     elif found in (".", "[") and before[-1:].isalnum():
         right = SPELLED["WALL_OF"]
     else:
-        right = expectation(found, [spelling(parser, terminal, SPELLED) for terminal in wrong.expected])
+        what, right = misplaced(got, found, [spelling(parser, terminal, SPELLED) for terminal in wrong.expected])
     raise FileError([Fault(Place(file, *line_and_column(text, at), "syntax"), what, right)])
 
 

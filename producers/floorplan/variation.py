@@ -11,7 +11,7 @@ from lark import Lark, Token, Transformer
 
 from vastflow.producers.floorplan.building import Building, build
 from vastflow.producers.floorplan.syntax import Part, PlanText, Quantity, parsed
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.faults import Complaint, Fault, FileError, Got, Place, Problem
 from vastflow.sim.model.names import did_you_mean
 
 GRAMMAR: Final = r"""
@@ -63,17 +63,17 @@ class Distribution:
         return float(np.around(rng.normal(mean, abs(std)), DECIMALS))
 
     @property
-    def fault(self) -> tuple[str, str] | None:
+    def fault(self) -> Complaint | None:
         """The fault of the distribution and what would be right; None if it has none."""
         if not np.isfinite([*self.values, *self.probabilities]).all():
-            return "got an infinite number", "finite numbers"
+            return Got("an infinite number"), "finite numbers"
         if self.kind == "normal" and self.values[1] < 0.0:
-            return f"std is {self.values[1]:g}", "0 or more"
+            return Got(f"std {self.values[1]:g}"), "0 or more"
         if self.kind == "discrete" and min(self.probabilities) < 0.0:
-            return f"got the probability {min(self.probabilities):g}", "0 or more; in each pair it stands first"
+            return f"the probability {min(self.probabilities):g} is negative", "each pair begins with a probability"
         if self.kind == "discrete" and abs(sum(self.probabilities) - 1.0) > PROBABILITY_ROUNDING:
             what = f"the probabilities add up to {sum(self.probabilities):g}"
-            return what, "1; in each pair the probability stands first"
+            return what, "they must add up to 1, and each pair begins with one"
         return None
 
 
@@ -145,9 +145,9 @@ def parse_variation(text: str, file: str) -> VariationText:
         for item in items
         if (wrong := item.distribution.fault) is not None
     ]
-    right = "one attribute or more, such as shape.width: uniform([1.0, 2.0])"
+    right = "add an attribute, such as shape.width: uniform([1.0, 2.0])"
     faults += [
-        Fault(Place(file, *_place(path[0]), ".".join(path)), "nothing between the braces", right)
+        Fault(Place(file, *_place(path[0]), ".".join(path)), "there is nothing between the braces", right)
         for path, items in entries
         if not items
     ]
@@ -227,8 +227,8 @@ def variation_of(text: VariationText, plan: PlanText) -> Variation:
     for item in text.items:
         found = numbers.attribute(item.path, item.attribute) if item.attribute else numbers.variable(item.path)
         if isinstance(found, Quantity) and found.span[0] in taken:
-            what = f"the number in line {found.token.line} of the plan is varied a second time"
-            found = (item.attribute or item.path)[0], what, "one distribution for it"
+            twice = f"the number in line {found.token.line} of the plan is varied a second time"
+            found = (item.attribute or item.path)[0], twice, "keep one of the distributions"
         if isinstance(found, Quantity):
             taken.add(found.span[0])
             varied.append(Varied(str(item), item.distribution, *found.span))
@@ -240,7 +240,7 @@ def variation_of(text: VariationText, plan: PlanText) -> Variation:
     return Variation(text.file, plan, tuple(varied))
 
 
-_Wrong: TypeAlias = tuple[Token, str, str]
+_Wrong: TypeAlias = tuple[Token, Problem, str]
 """Place, problem, and expected value."""
 
 
@@ -268,8 +268,8 @@ class _Numbers:
         if name in self._variables:
             return self._variables[name]
         if name in self._sections:
-            return path[0], f"{name!r} is no variable", f"{name}: {{ ... }} with attributes of it"
-        right = did_you_mean(name, self._variables) if self._variables else "it declares none"
+            return path[0], f"{name!r} is not a variable", f"write '{name}: {{ ... }}' with its attributes"
+        right = did_you_mean(name, self._variables, "it declares none")
         return path[0], f"the plan has no variable {name!r}", right
 
     def attribute(self, path: Path, attribute: Path) -> Quantity | _Wrong:
@@ -277,12 +277,12 @@ class _Numbers:
         name, wanted = ".".join(path), ".".join(attribute)
         section = self._sections.get(name)
         if section is None and name in self._variables:
-            return path[0], f"{name!r} is a variable", f"{name} : with its distribution, without braces"
+            return path[0], f"{name!r} is a variable", "write its distribution without braces"
         if section is None:
             what = f"the plan has no space, feature or opening {name!r}"
             return path[0], what, did_you_mean(name, self._sections)
         if name in self._ambiguous:
-            return path[0], f"the plan has more than one {name!r}", "a name that one of them has alone"
+            return path[0], f"the plan has more than one {name!r}", "use a name that is unique"
         known = dict(_attributes(section))
         quantity = known.get(wanted, known.get(_of_today(wanted, section.key)))
         if quantity is None:

@@ -12,7 +12,6 @@ from pydantic import TypeAdapter, ValidationError
 from vastflow.producers.campaign_file.document import Document, faults_of
 from vastflow.producers.campaign_file.scenario import WHERE, AbstractScenario
 from vastflow.producers.campaign_file.scenario_values import (
-    Complaint,
     combined_complaint,
     complaint_of,
     dimension_of,
@@ -41,7 +40,7 @@ from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY, MapSearch, 
 from vastflow.producers.places.start_check import is_of_footprint, pose_complaints, room_m, stops_of
 from vastflow.producers.places.stops import GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Value
-from vastflow.sim.model.faults import Fault, FileError, Place, parted
+from vastflow.sim.model.faults import Complaint, Fault, FileError, Got, Place, Problem
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
@@ -107,8 +106,8 @@ class FamilyReader:
         self._overridden, self._overrides = self._fixed(OVERRIDES)
         if abstract is not None:
             for key in self._overridden.keys() - abstract.parameters:
-                what = f"{key!r} is no parameter of {abstract.name or 'a navigation mission'}"
-                right = did_you_mean(key, abstract.parameters, "a scenario_file with it")
+                what = f"{key!r} is not a parameter of {abstract.name or 'a navigation mission'}"
+                right = did_you_mean(key, abstract.parameters, "name a scenario_file that has it")
                 self._fault(self._overridden[key], what, right, at="key")
 
     def read(self, location: Location, name: str, dimensions: Mapping[str, Dimension]) -> Family:
@@ -125,7 +124,7 @@ class FamilyReader:
         tags = {key: dimension_of(key, value, dimensions.get(key)) for key, value in values.items()}
         for key in set(dimensions) - set(places):
             where = (*location, "dimensions", key)
-            self._fault(where, f"{key!r} is no fixed parameter of this family", did_you_mean(key, places), at="key")
+            self._fault(where, f"{key!r} is not a fixed parameter of this family", did_you_mean(key, places), at="key")
         system = {**self._system, **{key: value for key, value in values.items() if tags[key] == "system"}}
         links, whole = self._chain((*location, "variations"), system)
         constraints = self._constraints(location)
@@ -156,9 +155,10 @@ class FamilyReader:
         if own and all(fault.kind == "missing" for fault in own):
             self.unavailable[name] = own
             del self.faults[known_faults:]
-        elif not own:
-            if self._abstract and self._abstract.in_world and self._refuse_empty:
-                self._check_poses(flow, Partial(name, values, tags), system, start_check)
+            return family
+        if self._abstract and self._abstract.in_world and self._refuse_empty:
+            self._check_poses(flow, Partial(name, values, tags), good, start_check)
+        if not own:
             self._note_remarks(links)
             self.faults += constraint_faults(family, refuse_empty=self._refuse_empty)
         return family
@@ -201,9 +201,9 @@ class FamilyReader:
             for remark in link.producer.remarks:
                 if remark not in self._remarked:  # each once a file
                     self._remarked.add(remark)
-                    self.notes.append(self._document.note("warning", link.location, *parted(remark)))
+                    self.notes.append(self._document.note("warning", link.location, remark))
 
-    def _fault(self, location: Location, what: str, right: str, *, at: Any = "value") -> None:
+    def _fault(self, location: Location, what: Problem, right: str, *, at: Any = "value") -> None:
         self.faults.append(self._document.fault(location, what, right, at))
 
     def _listed(self, location: Location) -> list[Any]:
@@ -219,10 +219,10 @@ class FamilyReader:
             where = (*location, k, key)
             if key in places:
                 line, _ = self._document.place(places[key], "key")
-                self._fault(where, f"a second {key!r}", f"one; the first is in line {line}", at="key")
+                self._fault(where, f"duplicate key {key!r}, given in line {line} already", "keep one of them", at="key")
                 continue
             if key.startswith("_"):
-                self._fault(where, f"got {key!r}", "a name without a leading underscore", at="key")
+                self._fault(where, Got(repr(key)), "a name without a leading underscore", at="key")
             places[key] = where
             if key not in MAP_FILE_KEYS:
                 values[key] = noise_value(value, self._base) if key == NOISE_MODEL_KEY else value
@@ -232,7 +232,7 @@ class FamilyReader:
 
     def _map(self, location: Location, value: Any) -> FileContent | None:
         if not isinstance(value, str):
-            self._fault(location, f"got {shown(value)}", "the path of a map_server YAML file")
+            self._fault(location, Got(shown(value)), "the path of a map_server YAML file")
             return None
         if value not in self._maps:
             try:
@@ -242,8 +242,7 @@ class FamilyReader:
                     right = "with free_thresh: 0.196 they are unknown, and no path leads there"
                     self.notes.append(self._document.note("warning", location, what, right))
             except ValueError as error:  # MapError; ValueError for a NUL in the path
-                what, right = parted(str(error))
-                fault = self._document.fault(location, what, right or "a map_server YAML file and its picture")
+                fault = self._document.fault(location, str(error))
                 self.faults.append(replace(fault, kind="missing") if isinstance(error, MissingMap) else fault)
         return self._maps.get(value)
 
@@ -258,13 +257,11 @@ class FamilyReader:
         complaints = {key: self._complaint(key, value, tags[key], system) for key, value in values.items()}
         for key, complaint in complaints.items():
             if complaint:
-                what, right = complaint
                 value = values[key]
                 if isinstance(value, str) and value.startswith("@"):
-                    known = value[1:] in flow.written
-                    what += ", a reference" if known else ", a reference to a parameter that nothing writes"
-                    right += "; references are for producers"
-                fault = self._document.fault(flow.fixed[key], what, right)
+                    nowhere = "" if value[1:] in flow.written else ", and nothing writes this parameter"
+                    complaint = f"{shown(value)} is a reference{nowhere}", "only producers take references"
+                fault = self._document.fault(flow.fixed[key], *complaint)
                 self.faults.append(replace(fault, kind="missing") if key == GOALS_KEY and value == [] else fault)
         good = {key: value for key, value in system.items() if not complaints.get(key)}
         if found := combined_complaint(good):
@@ -293,21 +290,21 @@ class FamilyReader:
         return links, len(links) == len(raw)
 
     def _producer(self, location: Location, name: str, given: Any, system: Mapping[str, Value]) -> Producer[Any] | None:
-        verb, right = "can't be imported:", "a producer that can be imported"
+        verb, right = "can't be imported:", ""
         kind: type[Producer[Any]] | None = None
         try:
             kind = find_producer(name, self._base)
             if given is not None and not isinstance(given, dict):
-                self._fault(location, f"got {shown(given)}", f"the parameters of {name} as a mapping")
+                self._fault(location, Got(shown(given)), f"the parameters of {name} as a mapping")
                 return None
-            verb, right = "raised", "a producer that follows vastflow.producers.model.producer.Producer"
+            verb, right = "raised", "a producer follows vastflow.producers.model.producer.Producer"
             with plug_in_code():
                 producer = kind(kind.Parameters.model_validate(given or {}, context=self._context))
                 check_declared(producer)
                 self._check_produced(location, producer, system)
                 self.notes += producer.notes
         except PlugInError as error:
-            self._fault(location, error.what, error.right, at="key")
+            self._fault(location, error.problem, error.expected, at="key")
         except Exception as error:  # noqa: BLE001 - whatever a user's file or class raises
             if kind is not None and isinstance(error, ValidationError):
                 self.faults += faults_of(self._document, location, kind.Parameters, error)
@@ -341,7 +338,7 @@ class FamilyReader:
         self.faults += [*faults, *own_faults]
         named = {constraint.name for constraint in constraints}
         self.faults += [
-            Fault(constraint.place, f"a second constraint {constraint.name!r}", "another name; the campaign has it")
+            Fault(constraint.place, f"the campaign has a constraint {constraint.name!r} already", "choose another name")
             for constraint in own
             if constraint.name in named
         ]
@@ -361,20 +358,20 @@ class FamilyReader:
         if abstract.launches_own_map and MAP_KEY not in written and (hall := self._map(WHERE, str(hall_file()))):
             values[MAP_KEY] = hall
             self._say_of_scenario(
-                "launches a simulation with a map of its own, which is not here",
+                "the scenario launches a simulation with a map of its own, which is not here",
                 "the robot drives in a hall of ours, 60 m x 60 m with pillars, unless a family names a map_file",
             )
         if keys := abstract.goal_keys(written):
             given = keys[0] if len(keys) == 1 else f"{keys[0]} to {keys[-1]}"
             self._say_of_scenario(
-                f"takes one goal_pose, and there are {given}", "the robot is sent to each of them in turn"
+                f"the scenario takes one goal_pose, and there are {given}", "the robot is sent to each of them in turn"
             )
         for name in abstract.optional_objects:
             if name not in written:
-                self._say_of_scenario(f"takes {name}, which nothing writes", "it spawns none of them there")
+                self._say_of_scenario(f"the scenario takes {name}, which nothing writes", "it spawns none of them")
         return values
 
-    def _say_of_scenario(self, what: str, right: str) -> None:
+    def _say_of_scenario(self, what: Problem, right: str) -> None:
         note = self._document.note("warning", WHERE, what, right)
         if note not in self.notes:
             self.notes.append(note)

@@ -71,12 +71,12 @@ class DataFlow:
         ]  # fmt: skip
         if len(missing) == 1 and missing[0] != MAP_KEY and misnamed:
             link, key = misnamed[-1]
-            unread = f"writes {key!r}, which no mission reads"
-            needed = f"{missing[0]}, which {name} needs"
+            unread = f"it writes {key!r}, which no mission reads"
+            needed = f"{name} needs {missing[0]}"
             yield self.document.fault(self._mention(link, key), unread, needed)
         else:
             what = f"{name} needs {', '.join(missing)}, which nothing writes"
-            right = "a fixed parameter, or a producer that writes it"
+            right = "add a fixed parameter, or a producer that writes it"
             where = self.document.known((*self.location, "name"))
             yield self.document.fault(where, what, right, at="key" if where == self.location else "value")
 
@@ -92,11 +92,11 @@ class DataFlow:
         link = self.links[k]
         later = [other for other in self.links[k + 1 :] if key in other.producer.writes]
         right = (
-            f"{later[0].location[-1]} before {link.location[-1]}"
+            f"put {later[0].location[-1]} before {link.location[-1]}"
             if later
-            else f"{key} among the family's parameters, or a producer before this one that writes it"
+            else f"add {key} to the family's parameters, or a producer before this one that writes it"
         )
-        what = f"needs {key!r}, which nothing before it writes"
+        what = f"{link.location[-1]} needs {key!r}, which nothing before it writes"
         where = self._mention(link, key)
         return self.document.fault(where, what, right, at="key" if where == link.location else "value")
 
@@ -105,7 +105,7 @@ class DataFlow:
         items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
         for key, item in items:
             if isinstance(item, str) and item.startswith("@") and item[1:] not in available:
-                what = f"got {shown(item)}, a reference to a parameter that nothing before writes"
+                what = f"{shown(item)} refers to a parameter that nothing before writes"
                 yield self.document.fault((*location, key), what, did_you_mean(item[1:], available))
             yield from self._references((*location, key), available)
 

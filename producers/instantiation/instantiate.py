@@ -159,7 +159,7 @@ def contradictions(constraints: Sequence[Constraint], family: str, excluded: Ite
         return []
     named = ", ".join(f"{constraint.name} excludes {counts[constraint.name]}" for constraint in guilty)
     what = f"the constraints leave nothing of family {family!r}: {named}"
-    return [Fault(guilty[0].place, what, "constraints that some configuration keeps")]
+    return [Fault(guilty[0].place, what, "relax them")]
 
 
 class CartesianGrowth:
@@ -235,7 +235,7 @@ class CartesianGrowth:
         total = sum(len(results.get(digest, ())) for _, digest, _ in self._restricted())
         if total > limit:
             what = f"{label} makes {total:,} configurations of family {self._family.name!r}"
-            right = f"at most {limit:,}, or 'execution: {{max_configurations: {total}}}'"
+            right = f"at most {limit:,} are allowed, unless 'execution: {{max_configurations: {total}}}' permits more"
             raise FileError([Fault(self._family.place, what, right)])
 
     def grown(self) -> Grown:
@@ -321,9 +321,8 @@ class DesignGrowth:
 
     def _too_large(self, error: TooLarge) -> FileError:
         what = f"the design of family {self._family.name!r} is too large: {error}"
-        return FileError(
-            [Fault(self._family.place, what, "fewer choices, or constraints that tie fewer producers together")]
-        )
+        right = "ask for fewer choices, or for constraints that tie fewer producers together"
+        return FileError([Fault(self._family.place, what, right)])
 
 
 Growth: TypeAlias = CartesianGrowth | DesignGrowth

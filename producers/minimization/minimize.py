@@ -8,7 +8,6 @@ from typing import Literal, TypeAlias, TypeVar
 
 from vastflow.producers.campaign_file.scenario import AbstractScenario
 from vastflow.producers.campaign_file.scenario_values import (
-    Complaint,
     combined_complaint,
     complaint_of,
     mask_complaints,
@@ -18,7 +17,7 @@ from vastflow.producers.model.configuration import Partial
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.producers.places.stops import GOAL_KEY
 from vastflow.sim.model.digest import FileContent, Value
-from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.faults import Complaint, UserError, message_of
 from vastflow.sim.model.scenario import Scenario, scenario_of
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
@@ -218,7 +217,7 @@ class Candidates:
         whole = {**self.whole.environment, **self.whole.task, **self.whole.system}
         values = {key: whole[key] if isinstance(value, FileContent) else value for key, value in values.items()}
         if complaint := next(self._complaints(values), None):
-            raise NotBuilt("; ".join(complaint))
+            raise NotBuilt(message_of(*complaint))
         tags = self.subject.dimensions
         if self.start_check and (rejected := self.start_check.rejected(Partial("minimal", values, tags))):
             raise NotBuilt(rejected.reason)
@@ -239,4 +238,4 @@ class Candidates:
         goal = {GOAL_KEY} if self.abstract.goal_keys(values) else set()
         for group in self.abstract.needed:
             if goal.union(values).isdisjoint(group):
-                yield f"the scenario needs {' or '.join(group)}", "a value of it"
+                yield f"the scenario needs {' or '.join(group)}", "give it a value"

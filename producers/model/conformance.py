@@ -35,7 +35,7 @@ def check_declarations(producer: Producer[Any], inputs: Inputs) -> None:
     unread = sorted(set(producer.needs) - set(reads))
     must(not unread, f"{name} must declare {unread}, which it needs, in `reads`")
     private = sorted(key for key in writes if key.startswith("_"))
-    must(not private, f"{name} must not declare {private} in `writes`; keys with _ are provenance, and free")
+    must(not private, f"{name} must not declare {private} in `writes`. Keys with _ are provenance, and free.")
     tags = {tag for tag in writes.values() if tag is not None} - set(get_args(Dimension))
     must(not tags, f"{name} must tag what it writes with one of {get_args(Dimension)} or None, not {sorted(tags)}")
 
@@ -64,13 +64,13 @@ def check_determinism(producer: Producer[Any], inputs: Inputs) -> None:
     Global generators are not to be drawn from, even where they are seeded before: another thread may use them.
     """
     name = type(producer).__name__
-    same = f"{name} must yield the same for the same input; draw from `draws` alone, keep no state"
+    same = f"{name} must yield the same for the same input. Draw from `draws` alone, and keep no state."
     with watched_generators() as used:
         first = [_digest(_evaluated(producer, values)) for values in inputs]
         again = [_digest(_evaluated(producer, values)) for values in reversed(inputs)][::-1]
         twin = type(producer)(producer.parameters)
         must(first == again == [_digest(_evaluated(twin, values)) for values in inputs], same)
-        must(not used(), f"{name} must not use a global generator; draw from `draws` alone")
+        must(not used(), f"{name} must not use a global generator. Draw from `draws` alone.")
 
 
 def check_reads(producer: Producer[Any], inputs: Inputs) -> None:

@@ -8,16 +8,14 @@ Location: TypeAlias = tuple[str | int, ...]
 MISSING_FILE: Final = "missing_file"
 """Type of the pydantic error of a parameter that names a file which is not there."""
 NOT_EXECUTED = "not executed by this version"
-AS_DRAWN: Final = "as drawn with seed"
-"""Prefix of a note on a drawn floor plan, which may not hold for the file as written."""
 
 
 def path_text(location: Location) -> str:
-    """`configuration[0].name` for `("configuration", 0, "name")`; `file` for the top."""
+    """`configuration[0].name` for `("configuration", 0, "name")`; empty for the top."""
     text = ""
     for part in location:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
-    return text or "file"
+    return text
 
 
 def shown(value: object, limit: int = 60) -> str:

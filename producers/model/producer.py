@@ -103,7 +103,7 @@ class Producer(ABC, Generic[P]):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks to the author of a file on parameters that are right, `what; what follows from it` each."""
+        """Sentences to the author of a file on parameters that are valid."""
         return ()
 
     @abstractmethod
@@ -125,10 +125,11 @@ def check_declared(producer: Producer[Any]) -> None:
     name = type(producer).__name__
     for what, keys in (("reads", producer.reads), ("needs", producer.needs)):
         if isinstance(keys, str):
-            raise PlugInError(f"{name} {what} the text {keys!r}", f"a tuple of keys, ({keys!r},)")
+            raise PlugInError(f"{name} {what} the text {keys!r}", f"write a tuple of keys, ({keys!r},)")
     for key, tag in producer.writes.items():
         if tag not in (None, *get_args(Dimension)):
-            raise PlugInError(f"{name} writes {key!r} as {tag!r}", f"one of {', '.join(get_args(Dimension))}, or None")
+            right = f"expected one of {', '.join(get_args(Dimension))}, or None"
+            raise PlugInError(f"{name} writes {key!r} as {tag!r}", right)
     _ = producer.most_choices
 
 
@@ -146,18 +147,18 @@ def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragm
         items = list(itertools.islice(producer.produce(inputs, draws_of(producer, inputs)), most + 1))
     name, writes = type(producer).__name__, producer.writes
     if len(items) > most:
-        raise PlugInError(f"{name} yields more than {most:,} choices for one input", "as many as its `most_choices`")
+        raise PlugInError(f"{name} yields more than its `most_choices` for one input", f"expected at most {most:,}")
     for item in items:
         if not isinstance(item, Fragment | Rejection):
-            raise PlugInError(f"{name} yields a {type(item).__name__}", "Fragment({key: value}) or Rejection(reason)")
+            raise PlugInError(f"{name} yields a {type(item).__name__}", "expected Fragment(...) or Rejection(...)")
         written = item.values if isinstance(item, Fragment) else {}
         for key in (key for key in written if not key.startswith("_")):
             if key not in writes:
                 what = f"{name} writes {key!r}, which it does not declare"
-                raise PlugInError(what, "every key in `writes`, or one that begins with _ for provenance")
+                raise PlugInError(what, "declare it in `writes`, or begin it with _ for provenance")
             if writes[key] not in (None, "environment") and lists_obstacles(written[key]):
                 what = f"{name} writes obstacles under {key!r} as {writes[key]}, where no simulator looks for them"
-                raise PlugInError(what, "environment")
+                raise PlugInError(what, "write them as environment")
     return items
 
 

@@ -18,6 +18,7 @@ from shapely.geometry.polygon import orient
 from vastflow.producers.model.faults import MISSING_FILE
 from vastflow.producers.model.producer import ROOM_KEY
 from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
@@ -54,8 +55,8 @@ class MapSearch:
         if is_file(path) or (self.map_dir is None and os.path.lexists(path)):
             return map_content(path)
         if self.map_dir is None:
-            right = "a map is a map_server YAML file, here or at this place in a folder that --map-dir names"
-            raise MissingMap(f"{path}: no such file; {right}")
+            right = "Expected a map_server YAML file, here or at this place in a folder that --map-dir names."
+            raise MissingMap(f"{path}: No such file. {right}")
         parts = Path(name).parts
         ends = ["/".join(parts[k:]) for k in range(1, len(parts))] if Path(name).is_absolute() else [name]
         there = [self.map_dir / end for end in ends]
@@ -63,8 +64,8 @@ class MapSearch:
         if borrowed is None:
             files = [file for depth in ("*", "*/*", "*/*/*") for file in self.map_dir.glob(f"{depth}.yaml")]
             offered = sorted(file.relative_to(self.map_dir).as_posix() for file in files)
-            right = did_you_mean(name, offered) if offered else f"another --map-dir; {self.map_dir} has no map"
-            raise MissingMap(f"{path}: no such file, and no {there[-1]}; {right}")
+            right = did_you_mean(name, offered, f"{str(self.map_dir)!r} has no map, so name another --map-dir")
+            raise MissingMap(f"{path}: {message_of(f'no such file, and no {there[-1]}', right)}")
         found = map_content(borrowed)
         self.borrowed[found.path] = name
         return found
@@ -163,7 +164,7 @@ def occupancy_of(map_file: FileContent) -> OccupancyMap:
     """
     occupancy = load_map(map_file.path)
     if occupancy.digest != map_file.digest:
-        raise MapError(f"{map_file.path}: was changed while the campaign ran; start it again")
+        raise MapError(f"{map_file.path}: It was changed while the campaign ran. Start it again.")
     return occupancy
 
 

@@ -130,7 +130,7 @@ def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> lis
     causes = ", ".join(f"{round(100 * n / total)} % {cause}" for cause, n in refusals.most_common())
     return (
         f"at most {most} of {sum(w.amount for w in wanted)} obstacles fit in {MAX_ATTEMPTS} attempts of "
-        f"{MAX_TRIES} tries each; of the places tried {causes}"
+        f"{MAX_TRIES} tries each. Of the places tried, {causes}"
     )
 
 

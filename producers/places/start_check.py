@@ -175,7 +175,7 @@ def _standing(partial: Partial) -> Iterator[Obstacle]:
 
 def pose_complaints(
     occupancy: OccupancyMap, stops: Mapping[str, Pose], radius_m: float
-) -> Iterator[tuple[str, str, str]]:
+) -> Iterator[tuple[str, Problem, str]]:
     """Yield name, problem, and expectation of each pose that a robot of the radius can't reach.
 
     The robot passes where its center is more than its radius from the center of every wall's cell, over unknown cells as well. A pose
@@ -192,11 +192,11 @@ def pose_complaints(
     regions = ndimage.label(passable, np.ones((3, 3)))[0][rows, columns]
     first = next((name for name, cell in inside.items() if not occupancy.occupied[cell]), "")
     for name, pose in stops.items():
-        got = f"got ({pose.x_m:g}, {pose.y_m:g}), which"
+        given = f"({pose.x_m:g}, {pose.y_m:g}), which"
         if name not in inside:
-            yield name, f"{got} lies outside the map", "a pose on the map"
+            yield name, Got(f"{given} lies outside the map"), "a pose on the map"
         elif occupancy.occupied[cells[name]]:
-            yield name, f"{got} lies in a wall", "a pose off the map's walls"
+            yield name, Got(f"{given} lies in a wall"), "a pose off the map's walls"
         elif regions[cells[name]] != regions[cells[first]]:
             robot = f"a robot of {radius_m:g} m radius"
-            yield name, f"{got} {robot} can't reach from {first}", "a pose to which the map has a path"
+            yield name, Got(f"{given} {robot} can't reach from {first}"), "a pose to which the map has a path"

@@ -100,6 +100,6 @@ class Boundary(Strategy[BoundaryParameters]):
 def boundary_complaint(dimensions: Mapping[str, Any]) -> str | None:
     """Return what `boundary` can't take of a space; None if it takes all."""
     if len(dimensions) > MOST_DIMENSIONS:
-        return f"{len(dimensions)} dimensions; one to {MOST_DIMENSIONS} for boundary"
+        return f"boundary searches 1 to {MOST_DIMENSIONS} dimensions, got {len(dimensions)}"
     unordered = [name for name, each in dimensions.items() if each.type in ("choice", "bool") or levels_of(each) == 1]
-    return f"{unordered[0]!r} is no range of numbers; ranges for boundary" if unordered else None
+    return f"boundary searches ranges of numbers, and {unordered[0]!r} is none" if unordered else None

@@ -30,8 +30,8 @@ def check_determinism(kind: Kind, parameters: Parameters, problem: Problem) -> N
     """Check that equal answers give equal proposals and leave global generators alone."""
     with watched_generators() as used:
         same = _asked(kind, parameters, problem) == _asked(kind, parameters, problem)
-        must(same, f"{kind.__name__} must propose the same by the same evaluations; draw from `problem.draws` alone")
-        must(not used(), f"{kind.__name__} must not use a global generator; draw from `problem.draws` alone")
+        must(same, f"{kind.__name__} must propose the same by the same evaluations. Draw from `problem.draws` alone.")
+        must(not used(), f"{kind.__name__} must not use a global generator. Draw from `problem.draws` alone.")
 
 
 def check_infeasible(kind: Kind, parameters: Parameters, problem: Problem) -> None:

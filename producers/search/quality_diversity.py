@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from vastflow.producers.model.numbers import Count, Number, Positive
 from vastflow.producers.search.gaussian_process import promise
 from vastflow.producers.search.space import Point
 from vastflow.producers.search.strategy import Cell, Evaluation, Parameters, Strategy, missing_library
+from vastflow.sim.model.faults import Invalid
 
 if TYPE_CHECKING:
     from ribs.archives import ArchiveBase
@@ -46,8 +46,7 @@ class Measure(Parameters):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.low >= self.high:
-            said = f"low {self.low:g} is not below high {self.high:g}; low < high"
-            raise PydanticCustomError("range", "{said}", {"said": said})
+            raise Invalid(f"'low' is {self.low:g} and 'high' {self.high:g}", "'low' must be less than 'high'")
         return self
 
 

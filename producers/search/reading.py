@@ -20,13 +20,13 @@ from vastflow.producers.search.boundary import Boundary, boundary_complaint
 from vastflow.producers.search.search import ReadsFamilies, Search, corners, family_at, several_fault
 from vastflow.producers.search.space import Space
 from vastflow.producers.search.strategy import Strategy, find_strategy, missing_library
-from vastflow.sim.model.faults import Fault, parted
+from vastflow.sim.model.faults import Fault, Got, Problem
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.plug_ins.neighbors import PlugInError
 
 _EXTRACT: Location = (*SEARCH, "extract")
 _PARAMETERS: Location = (*SEARCH, "strategy_parameters")
-_PLUG_IN = "file.py:Class, relative to this file"
+_PLUG_IN = "expected file.py:Class, relative to this file"
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,10 @@ def read_search(
     reading.check_steps()
     space = Space(spec.search_space)
     families = []
-    for k, point in enumerate([] if reading.faults else corners(space), 1):
+    known = {fault.place for fault in reading.faults}  # such as a marker's, of which a producer complains too
+    for k, point in enumerate(corners(space), 1):
         family, faults = family_at(document, spec, reader, point, f"corner-{k}", left_out)
-        reading.faults += faults
+        reading.faults += [fault for fault in faults if fault.place not in known]
         families.append(family)
     for family in families[:1]:
         for k, producer in enumerate(family.producers if not left_out else ()):
@@ -73,6 +74,16 @@ def read_search(
     return SearchReading(search, tuple(families), tuple(reading.faults), tuple(reading.unexecutable))
 
 
+def unknown_strategy(document: Document, name: str, base: Path) -> list[Fault]:
+    """Return the fault of a name that no strategy has, in a section that can't be read as a whole."""
+    try:
+        if ".py:" not in name:
+            find_strategy(name, base)
+    except PlugInError as error:
+        return [document.fault((*SEARCH, "strategy"), error.problem, error.expected)]
+    return []
+
+
 class _Reading:
     """The parts of a section, each with what is wrong of it."""
 
@@ -83,10 +94,10 @@ class _Reading:
         self._spec = spec
         self._base = base
 
-    def _fault(self, where: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> None:
+    def _fault(self, where: Location, what: Problem, right: str, at: Literal["key", "value"] = "value") -> None:
         self.faults.append(self._document.fault(where, what, right, at))
 
-    def _not_here(self, where: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> None:
+    def _not_here(self, where: Location, what: Problem, right: str, at: Literal["key", "value"] = "value") -> None:
         self.unexecutable.append(self._document.fault(where, what, right, at))
 
     def _has_class(self, where: Location, name: str, at: Literal["key", "value"] = "value") -> bool:
@@ -105,7 +116,7 @@ class _Reading:
                 find_producer(name, self._base)
                 return False
             except Exception as error:  # noqa: BLE001 - whatever a user's file raises while it is imported
-                self._not_here(where, f"{error}", "a subclass of vastflow.producers.model.producer.Producer", "key")
+                self._not_here(where, str(error), "expected a subclass of vastflow's Producer", "key")
         return True
 
     def quantities(self) -> dict[str, Quantity]:
@@ -117,11 +128,11 @@ class _Reading:
             where: Location = (*_EXTRACT, "plugin")
             if self._has_class(where, extract.plugin):
                 what = f"{extract.plugin!r} is {NOT_EXECUTED}"
-                self._not_here(where, what, f"{FAILURE_RATE}, or {METRICS} of an oracle file.py:Class")
+                self._not_here(where, what, f"use {FAILURE_RATE}, or {METRICS} of an oracle file.py:Class")
             return found
         if extract.plugin not in (FAILURE_RATE, METRICS):
             right = did_you_mean(extract.plugin, (FAILURE_RATE, METRICS))
-            self._fault((*_EXTRACT, "plugin"), f"no plug-in {extract.plugin!r}", right)
+            self._fault((*_EXTRACT, "plugin"), f"unknown plug-in {extract.plugin!r}", right)
             return found
         try:
             if extract.plugin == FAILURE_RATE:
@@ -140,15 +151,15 @@ class _Reading:
             kind = find_strategy(name, self._base)
         except PlugInError as error:
             say = self._not_here if ".py:" in name else self._fault
-            say(where, error.what, error.right)
+            say(where, error.problem, error.expected)
             return None
         except Exception as error:  # noqa: BLE001 - whatever a user's file raises while it is imported
-            self._not_here(where, f"{name!r} can't be imported: {type(error).__name__}: {error}", "a strategy that can")
+            self._not_here(where, f"{name!r} can't be imported: {type(error).__name__}: {error}", "")
             return None
         if kind is Boundary and (complaint := boundary_complaint(self._spec.search_space)):
-            self._fault((*SEARCH, "search_space"), *parted(complaint), "key")
+            self._fault((*SEARCH, "search_space"), complaint, "", "key")
         if kind.library and importlib.util.find_spec(kind.library) is None:
-            self._fault(where, *parted(str(missing_library(kind.library))))
+            self._fault(where, str(missing_library(kind.library)), "")
         try:
             return kind, kind.Parameters.model_validate(self._spec.strategy_parameters)
         except ValidationError as error:
@@ -184,7 +195,7 @@ class _Reading:
         self, where: Location, what: str, name: str, known: Iterable[str], at: Literal["key", "value"] = "value"
     ) -> None:
         if name not in known:
-            self._fault(where, f"no {what} {name!r}", did_you_mean(name, known, "it reports none"), at)
+            self._fault(where, f"unknown {what} {name!r}", did_you_mean(name, known, "it reports none"), at)
 
     def check_budget(self, execution: ExecutionSpec) -> None:
         """A budget of runs pays at least one batch."""
@@ -192,10 +203,10 @@ class _Reading:
         batch = self._spec.per_batch * runs
         for k, budget in enumerate(self._spec.budget):
             if budget.runs is not None and budget.runs < batch:
-                what = f"got {budget.runs}, less than a batch of {self._spec.per_batch} points with {runs} runs each"
+                what = Got(f"{budget.runs}, less than a batch of {self._spec.per_batch} points with {runs} runs each")
                 self._fault((*SEARCH, "budget", k, "runs"), what, f"{batch} or more")
         if self._spec.max_proposals < self._spec.per_batch:
-            what = f"got {self._spec.max_proposals}, less than a batch of {self._spec.per_batch} points"
+            what = Got(f"{self._spec.max_proposals}, less than a batch of {self._spec.per_batch} points")
             self._fault((*SEARCH, "max_proposals"), what, f"{self._spec.per_batch} or more")
 
 

@@ -69,7 +69,8 @@ class Search:
         family, faults = family_at(self.document, self.spec, self.reader, proposal.point, proposal.name)
         if faults:
             at = ", ".join(f"{name} = {value}" for name, value in proposal.point.items())
-            raise FileError(replace(fault, problem=f"{fault.problem}, at {at}") for fault in faults)
+            places = [replace(fault.place, where=f"{fault.place.where} at {at}") for fault in faults]
+            raise FileError(replace(fault, place=place) for fault, place in zip(faults, places, strict=True))
         return family
 
     def instantiation(self, proposals: Sequence[Proposal], made: Instantiation) -> Instantiation:
@@ -119,7 +120,7 @@ def several_fault(document: Document, step: int, producer: str) -> Fault:
     """Return the fault that a producer of the template makes several configurations of one point."""
     where = document.known((*SEARCH, "variations", step, producer))
     what = f"{producer or 'the template'} makes several configurations of one point"
-    return document.fault(where, what, "one path, one value, one obstacle configuration", "key")
+    return document.fault(where, what, "ask for one path, one value, one obstacle configuration", "key")
 
 
 def corners(space: Space) -> Iterator[Point]:

@@ -155,11 +155,11 @@ def asked(strategy: Strategy[Any], batch: int, count: int) -> list[Point]:
     name = type(strategy).__name__
     points = list(strategy.ask(batch, count))
     if len(points) > count:
-        raise UserError(f"strategy {name} proposes {len(points)} points in batch {batch}; at most {count}")
+        raise UserError(f"strategy {name} proposes {len(points)} points in batch {batch}. Expected at most {count}.")
     for point in points:
         if not (isinstance(point, Mapping) and strategy.problem.space.contains(point)):
             what = f"strategy {name} proposes {point!r} in batch {batch}, which is not in the search space"
-            raise UserError(f"{what}; a value of each dimension, of its type and within its bounds")
+            raise UserError(f"{what}. Expected a value of each dimension, of its type and within its bounds.")
     return points
 
 
@@ -171,4 +171,4 @@ def find_strategy(name: str, base: Path) -> type[Strategy[Any]]:
 
 def missing_library(name: str) -> UserError:
     """Return the error of a library that is not installed."""
-    return UserError(f"the library {name} is not installed; pip install -e '.[search]' in the checkout of vastflow")
+    return UserError(f"The library {name} is not installed. Call pip install -e '.[search]' in the checkout.")

@@ -103,9 +103,9 @@ class Seam:
             kernel = _change_nothing
         where = f"{line_of(getattr(kernel, 'py_func', kind))}: {kind.__name__}.{name}"
         if not isinstance(kernel, Dispatcher):
-            raise ContractError(f"{where} is no compiled function; put @kernel above it")
+            raise ContractError(f"{where} is not compiled. Decorate it with @kernel.")
         if getattr(kernel, "is_part", False):
-            raise ContractError(f"{where} is compiled for its callers alone and has no address; put @kernel above it")
+            raise ContractError(f"{where} is compiled for its callers alone. Decorate it with @kernel.")
         try:
             compiled = _compiled_for(kernel, arguments)
         except Exception as error:  # noqa: BLE001 - numba raises more than its own errors, KeyError for an unknown parameter
@@ -113,7 +113,7 @@ class Seam:
             raise ContractError(f"{where} can't be compiled: {words}") from None
         found = compiled.signature.return_type
         if not (self._returns(found) if is_main else found == types.none):
-            raise ContractError(f"{where} returns {found}; {self._wanted if is_main else 'nothing'}")
+            raise ContractError(f"{where} must return {self._wanted if is_main else 'nothing'}, got {found}")
         return compiled
 
 
@@ -233,8 +233,8 @@ def _arrays(kind: type[ParameterGroup], part: Any, where: str) -> Iterator[NDArr
         yield part
     else:
         found = "an array that is not contiguous" if isinstance(part, np.ndarray) else type(part).__name__
-        right = "numpy arrays, (1,) for a number, in a NamedTuple"
-        raise ContractError(f"{line_of(kind)}: {where} of {kind.__name__} is {found}; {right}")
+        right = "Expected numpy arrays, (1,) for a number, in a NamedTuple."
+        raise ContractError(f"{line_of(kind)}: {where} of {kind.__name__} is {found}. {right}")
 
 
 def _called(

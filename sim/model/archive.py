@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vastflow.sim.model.blocks import RUN_INDEX, array_of
+from vastflow.sim.model.faults import Got
 from vastflow.sim.model.files import Unreadable
 from vastflow.sim.model.parquet import open_table
 from vastflow.sim.model.recording import Columns, Outputs
@@ -63,7 +64,7 @@ def unpacked(file: IO[bytes]) -> Iterator[tuple[tuple[int, str, str], bytes]]:
     with zipfile.ZipFile(file) as archive:
         entries = {entry.filename: entry for entry in archive.infolist()}
         if (found := sum(entry.file_size for entry in entries.values())) > MOST_OUTPUTS_BYTES:
-            raise Unreadable(f"got {found:,} bytes of outputs when unpacked", f"at most {MOST_OUTPUTS_BYTES:,}")
+            raise Unreadable(Got(f"{found:,} bytes of outputs when unpacked"), f"at most {MOST_OUTPUTS_BYTES:,}")
         for name, entry in entries.items():
             run_index, kind, path = name.split("/", 2)
             yield (int(run_index), kind, path), archive.read(entry)

@@ -148,7 +148,7 @@ def _packed(rows: Sequence[Mapping[str, Any]]) -> bytes:
 def _unpacked(packed: bytes) -> list[dict[str, Any]]:
     length, _, text = packed.partition(b" ")
     if not length.isdigit():
-        raise ValueError("a block that another version of vastflow wrote; run the campaign again")
+        raise ValueError("Another version of vastflow wrote this block. Run the campaign again.")
     rows: list[dict[str, Any]] = json.loads(
         pa.Codec("zstd").decompress(base64.b85decode(text), decompressed_size=int(length), asbytes=True)
     )

@@ -12,6 +12,7 @@ from json.encoder import encode_basestring_ascii
 from pathlib import Path
 from typing import Final, TypeAlias
 
+from vastflow.sim.model.faults import Got
 from vastflow.sim.model.files import Unreadable, open_file
 
 MOST_FILE_BYTES: Final = 4 * 2**30
@@ -63,7 +64,7 @@ def canonical(value: Value) -> str:
         return _map_text(value)
     if isinstance(value, Sequence) and not isinstance(value, bytes | bytearray):
         return f"[{','.join([canonical(item) for item in value])}]"
-    raise TypeError(f"{type(value).__name__} has no canonical form; use None, bool, int, float, str, list or dict")
+    raise TypeError(f"{type(value).__name__} has no canonical form. Use None, bool, int, float, str, list or dict")
 
 
 def digest(*values: Value) -> str:
@@ -102,7 +103,7 @@ def file_digest(path: str | Path) -> str:
     """
     with open_file(path) as file:
         if (found := os.fstat(file.fileno()).st_size) > MOST_FILE_BYTES:
-            raise Unreadable(f"got {found:,} bytes", f"at most {MOST_FILE_BYTES:,}")
+            raise Unreadable(Got(f"{found:,} bytes"), f"at most {MOST_FILE_BYTES:,}")
         if not found:  # or a file of the kernel, which may have nothing yet and never ends
             return hashlib.sha256(b"").hexdigest()
         return hashlib.file_digest(file, "sha256").hexdigest()

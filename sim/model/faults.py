@@ -23,10 +23,39 @@ class Place:
         return f"{self.file}:{self.line}:{self.column}"
 
 
-FaultKind: TypeAlias = Literal["error", "missing", "warning", "unknown key", "not executed", "not modeled"]
-"""`missing`: a named file is not there, or a list of goals is empty; what needs it can't be had, the rest can. `unknown key`: a warning that
-`--strict` makes an error. `not executed`: the format knows the key and this version does nothing with it. `not modeled`: a Nav2
-parameter file has what the simulator has not."""
+FaultKind: TypeAlias = Literal[
+    "error", "missing", "contradiction", "warning", "drawn", "unknown key", "not executed", "not modeled"
+]
+"""`missing`: a named file is not there, or a list of goals is empty; what needs it can't be had, the rest can. `contradiction`: an error of
+values that are valid on their own. `drawn`: a warning on a drawn floor plan, which may not hold for the file as written. `unknown key`: a
+warning that `--strict` makes an error. `not executed`: the format knows the key and this version does nothing with it. `not modeled`: a
+Nav2 parameter file has what the simulator has not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Got:
+    """A value in place of the expected one, as the author of a file recognizes it."""
+
+    given: str
+
+
+Problem: TypeAlias = str | Got
+"""A value in place of the expected one, or a sentence such as `unknown key 'runz'`."""
+Complaint: TypeAlias = tuple[Problem, str]
+"""A problem and the expected value, see `Fault`."""
+
+
+def message_of(problem: Problem, expected: str = "") -> str:
+    """Return `expected a path, got 3`, or the problem and what to do as two sentences."""
+    if isinstance(problem, Got):
+        return f"expected {expected}, got {problem.given}"
+    return f"{_sentence(problem)} {_sentence(expected)}" if expected else problem
+
+
+def _sentence(text: str) -> str:
+    """Return a text with a full stop, and with a capital unless it begins with a name."""
+    is_word = text.split(maxsplit=1)[0].rstrip(",").isalpha()
+    return f"{text[:1].upper() if is_word else text[:1]}{text[1:]}{'' if text.endswith(('.', '?', '!')) else '.'}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,35 +63,30 @@ class Fault:
     """A mistake in a file, or something that a user should know of a file that is valid.
 
     Attributes:
-        problem: `got 3`, or the problem in other words.
-        expected: What would be right or follows; may be empty.
+        expected: A noun phrase for a value that is `Got`, else a sentence that says what to do or what follows; may be empty.
     """
 
     place: Place
-    problem: str
+    problem: Problem
     expected: str = ""
     kind: FaultKind = "error"
 
     def __str__(self) -> str:
         where = f"{self.place.where}: " if self.place.where else ""
-        warning = "warning: " if self.kind in ("warning", "unknown key") else ""
+        warning = "warning: " if self.kind in ("warning", "drawn", "unknown key") else ""
         place = f"{self.place}: " if self.place.line else ""
-        return f"{place}{warning}{where}{complaint(self.problem, self.expected)}"
+        return f"{place}{warning}{where}{message_of(self.problem, self.expected)}"
 
 
-def complaint(problem: str, expected: str) -> str:
-    """Return `expected a path, got 3` for `got 3` and `a path`, and both with a semicolon for other problems."""
-    if problem.startswith("got ") and expected and not expected.startswith("did you mean"):
-        return f"expected {expected.replace('known: ', 'one of ')}, {problem}"
-    return f"{problem}; {expected}" if expected else problem
+class Invalid(ValueError):
+    """A value that can't be used, raised where its place is not known; for the attributes see `Fault`."""
 
+    def __init__(self, problem: Problem, expected: str = "") -> None:
+        super().__init__(problem, expected)
+        self.problem, self.expected = problem, expected
 
-def parted(message: str) -> tuple[str, str]:
-    """Split a complaint into the problem and the expected value; the latter may be empty."""
-    if message.startswith("expected ") or ": expected " in message:
-        return message, ""
-    problem, _, expected = message.partition("; ")
-    return problem, expected
+    def __str__(self) -> str:
+        return message_of(self.problem, self.expected)
 
 
 class UserError(Exception):

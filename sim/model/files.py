@@ -18,7 +18,7 @@ from PIL import Image, UnidentifiedImageError
 from yaml.constructor import SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode
 
-from vastflow.sim.model.faults import complaint
+from vastflow.sim.model.faults import Got, Invalid, Problem
 
 TextPlace: TypeAlias = tuple[int, int]
 """Line and column, from 1."""
@@ -36,7 +36,7 @@ MOST_PIXELS: Final = 25_000_000
 PICTURE_FORMATS: Final = ("PPM", "PNG", "BMP")
 """Pillow's names; PGM and PBM are PPM to it."""
 
-NOT_YAML: Final = "a YAML mapping; look for a missing colon, quote or bracket, tabs and uneven indentation"
+NOT_YAML: Final = "look for a missing colon, quote or bracket, for tabs, and for uneven indentation"
 
 _KINDS: Final = (
     (stat.S_ISDIR, "a folder"),
@@ -47,23 +47,13 @@ _KINDS: Final = (
 )
 
 
-class Unreadable(ValueError):
-    """A file that can't be used.
+class Unreadable(Invalid):
+    """A file that can't be used, and the place in it where known."""
 
-    Attributes:
-        what: The problem.
-        right: What is expected.
-    """
-
-    def __init__(self, what: str, right: str, place: TextPlace = START) -> None:
-        super().__init__(what, right, place)
-        self.what, self.right, self.place = what, right, place
-
-    def __str__(self) -> str:
-        return complaint(self.what, self.right)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.what, self.right, self.place)
+    def __init__(self, problem: Problem, expected: str, place: TextPlace = START) -> None:
+        super().__init__(problem, expected)
+        self.args = (problem, expected, place)  # so that it can be pickled
+        self.place = place
 
 
 class Missing(Unreadable, FileNotFoundError):
@@ -86,11 +76,11 @@ def open_file(path: str | Path, kind: str = "a file") -> io.BufferedReader:
         descriptor = None
         return file
     except FileNotFoundError:
-        raise Missing("no such file", f"the path of {kind}") from None
+        raise Missing("no such file", f"expected {kind}") from None
     except Unreadable:
         raise
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        raise Unreadable(f"can't be read: {getattr(error, 'strerror', None) or error}", kind) from None
+        raise Unreadable(f"it can't be read: {getattr(error, 'strerror', None) or error}", f"expected {kind}") from None
     finally:
         if descriptor is not None:
             os.close(descriptor)
@@ -99,7 +89,7 @@ def open_file(path: str | Path, kind: str = "a file") -> io.BufferedReader:
 def _check_regular(status: os.stat_result, kind: str) -> None:
     if not stat.S_ISREG(status.st_mode):
         found = next((name for is_kind, name in _KINDS if is_kind(status.st_mode)), "no regular file")
-        raise Unreadable(f"can't be read: it is {found}", kind)
+        raise Unreadable(f"it is {found}", f"expected {kind}")
 
 
 def read_bytes(path: str | Path, kind: str = "a file", most_bytes: int = MOST_BYTES) -> bytes:
@@ -109,7 +99,7 @@ def read_bytes(path: str | Path, kind: str = "a file", most_bytes: int = MOST_BY
         try:
             content = file.read(most_bytes + 1) or b""  # None of a kernel's file that has nothing yet
         except OSError as error:
-            raise Unreadable(f"can't be read: {error.strerror}", kind) from None
+            raise Unreadable(f"it can't be read: {error.strerror}", f"expected {kind}") from None
     _check_limit(len(content), most_bytes)
     return content
 
@@ -142,7 +132,7 @@ def is_inside(path: str | os.PathLike[str], folder: str | Path) -> bool:
 
 def _check_limit(found: int, most: int) -> None:
     if found > most:
-        raise Unreadable(f"got {found:,} bytes", f"at most {most:,}")
+        raise Unreadable(Got(f"{found:,} bytes"), f"at most {most:,}")
 
 
 def read_text(path: str | Path, kind: str = "a text file", most_bytes: int = MOST_TEXT_BYTES) -> str:
@@ -153,7 +143,7 @@ def read_text(path: str | Path, kind: str = "a text file", most_bytes: int = MOS
     except UnicodeDecodeError as error:
         before = content[: error.start].decode("utf-8-sig", "replace")
         raise Unreadable(
-            f"byte {content[error.start]:#04x} is not UTF-8", "a text in UTF-8", _place_behind(before)
+            f"byte {content[error.start]:#04x} is not UTF-8", "expected a text in UTF-8", _place_behind(before)
         ) from None
 
 
@@ -173,10 +163,10 @@ def yaml_node(text: str) -> Node | None:
     except yaml.MarkedYAMLError as error:
         place = _place_at(error.problem_mark or error.context_mark)
         if error.problem == "exceeded maximum nesting depth":  # PyYAML since 6.0.4, which scans ahead of the events
-            raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels", place) from None
+            raise Unreadable(f"it is more than {MOST_LEVELS} levels deep", "use fewer levels", place) from None
         rest = "".join(text.split("\n")[place[0] - 1 : place[0]])[place[1] - 1 :]
         if rest.startswith("\t") or "tab character" in str(error.problem):
-            raise Unreadable("got a tab", "spaces, as YAML allows no tabs for indentation", place) from None
+            raise Unreadable(Got("a tab"), "spaces, as YAML allows no tabs for indentation", place) from None
         what = ", ".join(filter(None, (error.context, error.problem)))
         raise Unreadable(f"not YAML: {what}", NOT_YAML, place) from None
     except yaml.YAMLError as error:  # ReaderError: a character that YAML has not
@@ -201,9 +191,9 @@ def _check_size(text: str) -> None:
             nodes += 1
             depth += isinstance(event, yaml.CollectionStartEvent)
         if depth > MOST_LEVELS:
-            raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels", place_of(event))
+            raise Unreadable(f"it is more than {MOST_LEVELS} levels deep", "use fewer levels", place_of(event))
         if nodes > MOST_YAML_NODES:
-            raise Unreadable(f"more than {MOST_YAML_NODES:,} values", "fewer values", place_of(event))
+            raise Unreadable(f"it has more than {MOST_YAML_NODES:,} values", "use fewer values", place_of(event))
 
 
 def _check_aliases(node: Node, sizes: dict[int, tuple[int, int]], opened: set[int], depth: int) -> tuple[int, int]:
@@ -211,7 +201,7 @@ def _check_aliases(node: Node, sizes: dict[int, tuple[int, int]], opened: set[in
     if isinstance(node, ScalarNode):
         return 1, 0
     if id(node) in opened:
-        raise Unreadable("got an alias inside of what it stands for", "an alias of something else", place_of(node))
+        raise Unreadable(Got("an alias inside of what it stands for"), "an alias of something else", place_of(node))
     if id(node) not in sizes:
         opened.add(id(node))
         nodes, levels = 1, 0
@@ -223,8 +213,8 @@ def _check_aliases(node: Node, sizes: dict[int, tuple[int, int]], opened: set[in
         sizes[id(node)] = nodes, levels + 1
     nodes, levels = sizes[id(node)]
     if nodes > MOST_YAML_NODES or depth + levels > MOST_LEVELS:
-        what = f"aliases that grow to more than {MOST_YAML_NODES:,} values or {MOST_LEVELS} levels"
-        raise Unreadable(what, "fewer aliases", place_of(node))
+        what = f"aliases grow to more than {MOST_YAML_NODES:,} values or {MOST_LEVELS} levels"
+        raise Unreadable(what, "use fewer aliases", place_of(node))
     return nodes, levels
 
 
@@ -248,10 +238,10 @@ def yaml_value(text: str) -> Any:
         return None if node is None else SafeConstructor().construct_document(node)
     except yaml.MarkedYAMLError as error:
         place = _place_at(error.problem_mark or error.context_mark)
-        raise Unreadable(f"not YAML: {error.problem}", "plain values", place) from None
+        raise Unreadable(f"not YAML: {error.problem}", "use plain values", place) from None
     except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
         # PyYAML takes a value for a date, say, by its form, and leaves a month of 13 to `datetime`.
-        raise Unreadable(f"not YAML: {error}", "plain values", place_of(node) if node else START) from None
+        raise Unreadable(f"not YAML: {error}", "use plain values", place_of(node) if node else START) from None
 
 
 def json_value(content: str | bytes) -> Any:
@@ -259,17 +249,17 @@ def json_value(content: str | bytes) -> Any:
     try:
         text = content.decode("utf-8-sig") if isinstance(content, bytes) else content
         if sum(map(text.count, "[{,")) > MOST_JSON_VALUES:
-            raise Unreadable(f"more than {MOST_JSON_VALUES:,} values", "fewer values")
+            raise Unreadable(f"it has more than {MOST_JSON_VALUES:,} values", "use fewer values")
         value = json.loads(text)
     except Unreadable:
         raise
     except json.JSONDecodeError as error:
-        raise Unreadable(f"not JSON: {error.msg}", "a JSON text", (error.lineno, error.colno)) from None
+        raise Unreadable(f"it is not JSON: {error.msg}", "expected a JSON text", (error.lineno, error.colno)) from None
     except RecursionError:
-        raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels") from None
+        raise Unreadable(f"it is more than {MOST_LEVELS} levels deep", "use fewer levels") from None
     except ValueError as error:  # also a number of thousands of digits
-        right = "a text in UTF-8" if isinstance(error, UnicodeDecodeError) else "a JSON text"
-        raise Unreadable(f"not JSON: {error}", right) from None
+        right = "expected a text in UTF-8" if isinstance(error, UnicodeDecodeError) else "expected a JSON text"
+        raise Unreadable(f"it is not JSON: {error}", right) from None
     _check_levels(value)
     return value
 
@@ -281,7 +271,7 @@ def _check_levels(value: Any) -> None:
         level = [part for each in nested for part in (each.values() if isinstance(each, dict) else each)]
         if not level:
             return
-    raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels")
+    raise Unreadable(f"it is more than {MOST_LEVELS} levels deep", "use fewer levels")
 
 
 def read_json(path: str | Path, kind: str = "a JSON file") -> Any:
@@ -291,7 +281,7 @@ def read_json(path: str | Path, kind: str = "a JSON file") -> Any:
     except Unreadable as error:
         line, column = error.place
         at = "" if error.place == START else f":{line}:{column}"
-        raise type(error)(f"{Path(path).name}{at}: {error.what}", error.right, error.place) from None
+        raise type(error)(f"{Path(path).name}{at}: {error}", "", error.place) from None
 
 
 def read_picture(path: str | Path) -> Image.Image:
@@ -307,18 +297,18 @@ def read_picture(path: str | Path) -> Image.Image:
             picture = Image.open(io.BytesIO(content), formats=PICTURE_FORMATS)
             width, height = picture.size
             if width * height > MOST_PIXELS:
-                raise Unreadable(f"got {width:,} × {height:,}", f"at most {MOST_PIXELS:,} pixels")
+                raise Unreadable(Got(f"{width:,} × {height:,}"), f"at most {MOST_PIXELS:,} pixels")
             if getattr(picture, "n_frames", 1) > 1:
-                raise Unreadable("got several frames", "a single picture")
+                raise Unreadable(Got("several frames"), "a single picture")
             picture.load()
     except Unreadable:
         raise
     except Image.DecompressionBombError:
-        raise Unreadable("got more", f"at most {MOST_PIXELS:,} pixels") from None
+        raise Unreadable(Got("more"), f"at most {MOST_PIXELS:,} pixels") from None
     except UnidentifiedImageError:
-        raise Unreadable("got another format", "a picture in PGM, PNG or BMP") from None
+        raise Unreadable(Got("another format"), "a picture in PGM, PNG or BMP") from None
     except Exception as error:  # noqa: BLE001 - what Pillow's decoders raise is documented nowhere
-        raise Unreadable(f"damaged picture: {error}", "a whole one") from None
+        raise Unreadable(f"the picture is damaged: {error}", "expected a whole one") from None
     return picture
 
 

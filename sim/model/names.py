@@ -19,20 +19,15 @@ def nearest(found: str, known: Iterable[str], likeness: float = 0.6) -> str | No
     return next((name for name in names if name.casefold() == found.casefold()), None)
 
 
-def did_you_mean(
-    found: str, known: Iterable[str], otherwise: str = "nothing of the kind is known", *, listed: str = "known:"
-) -> str:
-    """Suggest the nearest known name, else list all of them.
-
-    Args:
-        otherwise: Answer where no name is known.
-        listed: Words before the known names.
-    """
+def did_you_mean(found: str, known: Iterable[str], otherwise: str = "there is none") -> str:
+    """Suggest the nearest known name, else list all of them, else answer `otherwise`."""
     names = sorted(known)
     if near := nearest(found, names):
         return f"did you mean {near!r}?"
     more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
-    return f"{listed} {', '.join(names[:MOST_LISTED])}{more}" if names else otherwise
+    if len(names) == 1:
+        return f"expected {names[0]!r}"
+    return f"expected one of {', '.join(names[:MOST_LISTED])}{more}" if names else otherwise
 
 
 def label_of(text: str) -> str:

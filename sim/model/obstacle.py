@@ -201,5 +201,5 @@ def _arguments(text: str, shape: Shape, where: str) -> dict[str, float]:
         if not found or not sizes[key] > 0 or not math.isfinite(sizes[key]):
             raise ValueError(f"{where}: expected a size greater than 0, such as width:=0.5, got {part!r}")
         if key not in ARGUMENTS[shape]:
-            raise ValueError(f"{where}: a {shape} has no argument {key!r}; it has {', '.join(ARGUMENTS[shape])}")
+            raise ValueError(f"{where}: a {shape} has no argument {key!r}. It has {', '.join(ARGUMENTS[shape])}")
     return sizes

@@ -7,6 +7,7 @@ from typing import Any, BinaryIO, Final
 
 import pyarrow.parquet as pq
 
+from vastflow.sim.model.faults import Got
 from vastflow.sim.model.files import Unreadable, open_file
 
 MOST_CELLS: Final = 400_000_000
@@ -47,5 +48,5 @@ def _within_limits(file: Any) -> Any:
     unpacked = sum(group.total_byte_size for group in groups)
     for found, most, what in ((cells, MOST_CELLS, "values"), (unpacked, MOST_UNPACKED_BYTES, "bytes when unpacked")):
         if not 0 <= found <= most:
-            raise Unreadable(f"got {found:,} {what}", f"at most {most:,}")
+            raise Unreadable(Got(f"{found:,} {what}"), f"at most {most:,}")
     return file

@@ -7,6 +7,7 @@ from typing import Final
 
 from lark import Lark, UnexpectedInput, UnexpectedToken
 
+from vastflow.sim.model.faults import Complaint, Got
 from vastflow.sim.model.names import nearest
 
 MOST_EXPECTED: Final = 6
@@ -54,16 +55,16 @@ def spelling(parser: Lark, terminal: str, words: Mapping[str, str]) -> str:
     return "'" + re.sub(r"\\s\*|\\b", "", blanks) + "'"
 
 
-def expectation(got: str, listed: Iterable[str], suggested: Iterable[str] | None = None) -> str:
-    """Return the keyword most similar to `got`, or all possible ones.
+def misplaced(got: Got, word: str, listed: Iterable[str], suggested: Iterable[str] | None = None) -> Complaint:
+    """Return the complaint about a word, with the keyword most similar to it, or all possible ones.
 
     Args:
         listed: Keywords and signs in quotes, other terminals in words.
-        suggested: Those that `got` may have been meant to be; `listed` where it is None.
+        suggested: Those that `word` may have been meant to be; `listed` where it is None.
     """
     names = sorted(set(listed))
-    if near := nearest(got, {name.strip("'") for name in suggested or names if " " not in name}):
-        return f"did you mean {near!r}?"
+    if near := nearest(word, {name.strip("'") for name in suggested or names if " " not in name}):
+        return f"unexpected {got.given}", f"did you mean {near!r}?"
     if len(names) > MOST_EXPECTED:
         names = [*names[:MOST_EXPECTED], "others"]
-    return " or ".join(filter(None, [", ".join(names[:-1]), names[-1]])) if names else "something else here"
+    return got, " or ".join(filter(None, [", ".join(names[:-1]), names[-1]])) if names else "something else here"

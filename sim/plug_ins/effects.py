@@ -165,7 +165,7 @@ class _Watch:
             )
         where = "a code cell" if snapshot.entry.endswith(".ipynb") else "the plug-in's class"
         return PlugInError(
-            f"{file} reads {name!r}, which it does not declare: an edit of that would go unnoticed",
+            f"{file} reads {name!r}, which it does not declare, so that an edit of it would go unnoticed",
             f'add the line {FILES} = ["{name}"] to {where}',
         )
 

@@ -50,7 +50,7 @@ def check_permitted(place: object, *contents: str) -> None:
     permitted = _permitted.get()
     if permitted is not None and any(content not in permitted for content in contents):
         what = f"{str(place)!r} is code of others that you have not permitted"
-        raise PlugInError(what, "data alone, or your permission by --trust")
+        raise PlugInError(what, "permit it by --trust")
 
 
 def module_name(snapshot: Snapshot) -> str:

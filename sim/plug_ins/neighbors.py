@@ -9,9 +9,9 @@ import tokenize
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from vastflow.sim.model.faults import complaint
+from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.files import Unreadable, read_bytes
 
 FILES: Final = "files"
@@ -28,16 +28,8 @@ _PROGRAMS: Final = frozenset({"os.system", "os.popen"})
 _PROGRAMS_OF: Final = "subprocess"
 
 
-class PlugInError(ValueError):
-    """A plug-in that can't be taken: `what` was found, and what would be `right`."""
-
-    def __init__(self, what: str, right: str) -> None:
-        super().__init__(complaint(what, right))
-        self.what = what
-        self.right = right
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return PlugInError, (self.what, self.right)
+class PlugInError(Invalid):
+    """A plug-in that can't be taken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,14 +102,14 @@ def _tree(file: Path, content: bytes) -> ast.Module:
         line = getattr(error, "lineno", None)
         where = f"{str(file)!r}" + (f", line {line}" if line else "")
         words = getattr(error, "msg", None) or str(error)
-        raise PlugInError(f"{where} can't be imported: {type(error).__name__}: {words}", "a Python module") from None
+        raise PlugInError(f"{where} can't be imported: {type(error).__name__}: {words}") from None
 
 
 def _content(file: Path) -> bytes:
     try:
         return read_bytes(file, "a file of a plug-in", MOST_BYTES)
     except Unreadable as error:
-        raise PlugInError(f"{str(file)!r}: {error.what}", error.right) from None
+        raise PlugInError(f"{str(file)!r}: {error}") from None
 
 
 def imports_of(nodes: list[ast.AST], package: str) -> Iterator[str]:
@@ -199,14 +191,14 @@ def _names(value: ast.expr, line: int) -> list[str]:
     if isinstance(names, list | tuple) and all(isinstance(name, str) and name for name in names):
         return list(names)
     found = ast.unparse(value)[:80]
-    raise PlugInError(f"got {FILES} = {found} in line {line}", f'names of files, such as {FILES} = ["limits.json"]')
+    raise PlugInError(Got(f"{FILES} = {found} in line {line}"), f'names of files, such as {FILES} = ["limits.json"]')
 
 
 def _files(names: list[str], module: Path) -> Iterator[Path]:
     """Declared files: each by its name, all below a folder, or what matches a pattern."""
     for name in names:
         if Path(name).is_absolute():
-            raise PlugInError(f"got {name!r} in {FILES} of {module.name}", "a path relative to the plug-in's folder")
+            raise PlugInError(Got(f"{name!r} in {FILES} of {module.name}"), "a path relative to the plug-in's folder")
         place = module.parent / name
         if not _PATTERN.isdisjoint(name):
             found = [each for each in module.parent.glob(name) if each.is_file()]
@@ -215,7 +207,7 @@ def _files(names: list[str], module: Path) -> Iterator[Path]:
         elif place.exists():
             found = [place]
         else:
-            raise PlugInError(f"{module.name}: no file {name!r} of its {FILES}", f"a file beside {str(module)!r}")
+            raise PlugInError(f"{module.name} declares {name!r} in {FILES}", f"there is none beside {str(module)!r}")
         yield from sorted(Path(os.path.abspath(each)) for each in found)
 
 

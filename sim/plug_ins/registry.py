@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
 from vastflow.sim.model.files import is_file
-from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean, nearest
 from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
@@ -43,7 +43,7 @@ def plug_in_class(group: str, noun: str, base: type, name: str, folder: Path) ->
         PlugInError: no such entry point, file or class, a class of another kind, or a file that uses what can't be taken; and
             whatever its code raises.
     """
-    own = f"file.py:Class, a subclass of {base.__name__}"
+    own = f"expected file.py:Class, a subclass of {base.__name__}"
     if FILE in name:
         file, class_name = plug_in_file(name, folder), name.rpartition(":")[2]
         found = getattr(module_of(snapshot_of(file, folder)), class_name, None) if is_file(file) else None
@@ -52,7 +52,7 @@ def plug_in_class(group: str, noun: str, base: type, name: str, folder: Path) ->
     else:
         found = installed_plug_in(group, name)
         if found is None:
-            raise PlugInError(f"no {noun} {name!r}", did_you_mean(name, known_plug_ins(group)))
+            raise PlugInError(f"unknown {noun} {name!r}", did_you_mean(name, known_plug_ins(group)))
     if not (isinstance(found, type) and issubclass(found, base)):
         raise PlugInError(f"{name!r} is not a subclass of {base.__module__}.{base.__name__}", own)
     return found
@@ -90,9 +90,9 @@ class Registry(Generic[PlugIn]):
         """
         found = _entries(self.group)
         if not any(entry.module.startswith("vastflow.") for entry in found.values()):
-            right = "install it again: pip install -e . in a checkout"
+            right = "Install it again: pip install -e . in a checkout"
             raise RuntimeError(
-                f"vastflow is installed without its {self.noun}s, its metadata is older than its source; {right}"
+                f"vastflow is installed without its {self.noun}s, as its metadata is older than its source. {right}."
             )
         return found
 
@@ -123,32 +123,33 @@ class Registry(Generic[PlugIn]):
         else:
             entry = self.known.get(name)
             if entry is None:
-                right = f"{did_you_mean(name, self.known)}; {self.own}"
-                raise PlugInError(f"no {self.noun} {name!r} is known", right)
+                near = nearest(name, self.known)
+                right = f"did you mean {near!r}?" if near else f"expected one of {', '.join(self.known)}, or {self.own}"
+                raise PlugInError(f"unknown {self.noun} {name!r}", right)
             found = entry.load()
         if not (isinstance(found, type) and issubclass(found, self.base)):
-            right = f"a subclass of {self.base.__module__}.{self.base.__name__}"
-            raise PlugInError(f"{name!r} is no {self.noun}", right)
+            right = f"expected a subclass of {self.base.__module__}.{self.base.__name__}"
+            raise PlugInError(f"{name!r} is not a {self.noun}", right)
         return found
 
     def _class_of_file(self, name: str, file: Path, snapshot: Snapshot | None) -> object:
         class_name = name.rpartition(":")[2]
         if snapshot is None and not is_file(file):
-            raise PlugInError(f"no file {str(file)!r}", self.own)
+            raise PlugInError(f"there is no file {str(file)!r}", f"name {self.own}")
         try:
             module = module_of(snapshot or snapshot_of(file, file.parent))
         except PlugInError:
             raise
         except Exception as error:
             what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
-            raise PlugInError(what, "a Python module") from error
+            raise PlugInError(what) from error
         if not hasattr(module, class_name):
             known = [
                 each
                 for each, kind in vars(module).items()
                 if isinstance(kind, type) and issubclass(kind, self.base) and kind.__module__ == module.__name__
             ]
-            right = did_you_mean(class_name, known, f"a class of it that is a {self.base.__name__}", listed="it has:")
+            right = did_you_mean(class_name, known, f"expected a class of it that is a {self.base.__name__}")
             raise PlugInError(f"{str(file)!r} has no class {class_name!r}", right)
         found: object = getattr(module, class_name)
         return found

@@ -113,7 +113,7 @@ def snapshot_of(file: Path, campaign: Path, code: str | None = None) -> Snapshot
         largest = max(contents, key=lambda path: len(contents[path]))
         raise PlugInError(
             f"{file.name} and what it uses have {size / 1e6:.0f} MB, most of it {largest.name}",
-            f"at most {MOST_BYTES / 1e6:.0f} MB, which are copied into each campaign directory",
+            f"at most {MOST_BYTES / 1e6:.0f} MB are allowed, as they are copied into each campaign directory",
         )
     origin = Path(os.path.commonpath([path.parent for path in contents]))
     places = {path: path.relative_to(origin).as_posix() for path in contents}

@@ -85,7 +85,7 @@ def _defined(abstract: Abstract, path: str) -> ScenarioDefinition:
     if isinstance(abstract, FileContent):
         definition = _read(Path(path))
         if definition_digest(definition) != abstract.digest:
-            raise ScenarioError(f"{path} changed since the campaign was read; run the campaign again")
+            raise ScenarioError(f"{path} changed since the campaign was read. Run the campaign again.")
         return definition
     if abstract not in (known := [BUILTIN + each for each in SHIPPED]):
         raise ScenarioError(f"expected one of {', '.join(known)}, got {abstract!r}")

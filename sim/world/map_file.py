@@ -119,7 +119,7 @@ def _header(path: Path) -> Mapping[str, Any]:
         text = read_text(path, "a map_server YAML file", MOST_HEADER_BYTES)
         header, node = yaml_value(text), yaml_node(text)
     except Missing:
-        raise MissingMap(f"{path}: no such file; a map is a map_server YAML file") from None
+        raise MissingMap(f"{path}: No such file. Expected a map_server YAML file.") from None
     except Unreadable as error:
         line, column = error.place
         raise MapError(f"{path}:{line}:{column}: {error}") from None
@@ -196,7 +196,9 @@ def _picture(path: Path, image: str) -> tuple[NDArray[np.uint8], NDArray[np.bool
     try:
         picture, content = read_picture(file), read_bytes(file)
     except Missing:
-        raise MissingMap(f"{path}: image: no file {str(file)!r}; the picture lies relative to the YAML file") from None
+        raise MissingMap(
+            f"{path}: image: There is no file {str(file)!r}. Its path is relative to the YAML file."
+        ) from None
     except Unreadable as error:
         raise MapError(f"{path}: image: {str(file)!r}: {error}") from None
     shades = _sixteen_bits(picture, content)

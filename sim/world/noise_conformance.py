@@ -43,9 +43,7 @@ def check_determinism(noise: LidarNoise) -> None:
     for given, foreign in zip(_scans().values(), _scans().values(), strict=True):
         _perturb(other, foreign)
         together.append(_perturb(again, given).tobytes())
-    right = (
-        "must perturb the same again; it keeps something outside of its memory, or draws from elsewhere than its stream"
-    )
+    right = "must perturb the same again. It keeps something outside of its memory, or draws from elsewhere than its stream."
     _must(alone == together, noise, right)
 
 
@@ -54,7 +52,7 @@ def check_allocations(noise: LidarNoise) -> None:
     found = _started(noise)
     for name, given in _scans().items():
         each = allocations_of(lambda times, given=given: _perturb(found, given, times))  # type: ignore[misc]
-        right = f"must allocate nothing in a call, got {each:g} allocations in {name!r}; keep arrays in its memory"
+        right = f"must allocate nothing in a call, got {each:g} allocations in {name!r}. Keep arrays in its memory."
         _must(each == 0, noise, right)
 
 

@@ -84,7 +84,7 @@ class Packer:
                 try:
                     self._needed[path] = needed_files(path)
                 except FileError as error:
-                    raise ScenarioError(f"{error}; it changed since the campaign was read") from None
+                    raise ScenarioError(f"{error} (it changed since the campaign was read)") from None
             files.update((each, files.get(each, each)) for each in self._needed[path])
         return Bundle(content.getvalue(), tuple(self._put(path, files[path]) for path in sorted(files)))
 
@@ -101,7 +101,7 @@ class Packer:
                 with open_file(copy) as file:
                     content, mode = file.read(), os.fstat(file.fileno()).st_mode
             except Unreadable as error:
-                raise ScenarioError(f"{path}: {error.what}; workers elsewhere need it") from None
+                raise ScenarioError(f"{path}: {error} (workers elsewhere need it)") from None
             self._sent[path] = SentFile(str(path), self.put(content), bool(mode & 0o100))
         return self._sent[path]
 
@@ -117,7 +117,7 @@ def content_of(store: Store, sha256: str) -> bytes:
         content = store.read(key, _CONTENT)
     except Lost:
         place = "a folder that all machines share, or an address such as s3://bucket/prefix"
-        raise StoreError(f"store: {key} is not in {store.place!r}; expected {place}") from None
+        raise StoreError(f"store: {key} is not in {store.place!r}. Expected {place}.") from None
     if hashlib.sha256(content).hexdigest() != sha256:
         store.discard(key, said := f"{_CONTENT} is not the content of its key")
         raise StoreError(f"store: {key}: {said}")

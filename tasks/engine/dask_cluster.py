@@ -220,9 +220,9 @@ class DaskCluster:
                     return
                 if not told:
                     told = True
-                    self._notice(f"{self._away(error)}; waiting up to {AWAY_S:.0f} s")
+                    self._notice(f"{self._away(error)}. Waiting up to {AWAY_S:.0f} s")
                 if time.monotonic() > deadline_s:
-                    self._fail(ClusterError(f"{self._away(error)}; it did not come back within {AWAY_S:.0f} s"))
+                    self._fail(ClusterError(f"{self._away(error)}. It did not come back within {AWAY_S:.0f} s"))
                     return
                 time.sleep(_WATCH_S)
                 continue
@@ -261,7 +261,7 @@ class DaskCluster:
                     continue
                 if said is not None:
                     raise ClusterError(
-                        f"worker {worker} can't run this vastflow ({said}); install the same version there"
+                        f"worker {worker} can't run this vastflow ({said}). Install the same version there."
                     )
                 if answer["result"] != dask_worker.own_code()[0]:
                     raise ClusterError(self._other(OtherCode(worker, answer["result"])))
@@ -272,8 +272,8 @@ class DaskCluster:
 
     def _other(self, other: OtherCode) -> str:
         return (
-            f"worker {other.worker} has other code ({other.code[:12]}) than this campaign ({dask_worker.own_code()[0][:12]}); give all "
-            "workers the same version of vastflow and its libraries, on one kind of machine"
+            f"worker {other.worker} has other code ({other.code[:12]}) than this campaign ({dask_worker.own_code()[0][:12]}). Give all "
+            "workers the same version of vastflow and its libraries, on one kind of machine."
         )
 
     def _scheduler(self) -> str:
@@ -297,7 +297,7 @@ class DaskCluster:
         assert self._server.stdout is not None
         address = self._server.stdout.readline().decode().strip()
         if not address:
-            raise ClusterError(f"--cluster: {self._address} did not start; see {self._log}")
+            raise ClusterError(f"--cluster: {self._address} did not start, see {self._log}")
         self._address = address
         return address
 
@@ -318,10 +318,10 @@ class DaskCluster:
 
     def _no_worker(self, paused: int) -> str:
         if not paused:
-            return f"no worker at {self._address}; start one: dask worker {self._address} --nthreads 1 --dashboard-address 127.0.0.1:0"
+            return f"no worker at {self._address}. Start one: dask worker {self._address} --nthreads 1 --dashboard-address 127.0.0.1:0"
         return (
-            f"all workers at {self._address} ({paused}) are paused by Dask, as they use more memory than their limit allows; "
-            "start others, or these anew, with a higher --memory-limit or with --memory-limit 0"
+            f"all workers at {self._address} ({paused}) are paused by Dask, as they use more memory than their limit allows. "
+            "Start others, or these anew, with a higher --memory-limit or with --memory-limit 0."
         )
 
     def _free(self, client: Any, workers: Mapping[str, Mapping[str, Any]], before: frozenset[str]) -> frozenset[str]:
@@ -401,7 +401,7 @@ class DaskCluster:
             if answer.other is not None:
                 if answer.other not in self._refused:  # units that are on their way come back, too
                     self._refused.add(answer.other)
-                    self._notice(f"{self._other(answer.other)}; it gets no more units")
+                    self._notice(f"{self._other(answer.other)}. It gets no more units")
                 with suppress(Exception):
                     self._client.retire_workers([answer.other.worker], close_workers=True)
                 self._send(job)

@@ -121,7 +121,7 @@ def _own_code() -> tuple[str, SourceFiles]:
 def _store(place: str) -> Store:
     if store_address(place) is None and not os.path.isdir(place):
         right = "a folder that all machines share under one path, or an address such as s3://bucket/prefix"
-        raise StoreError(f"store: {place!r} is not a folder; expected {right}")
+        raise StoreError(f"store: {place!r} is not a folder. Expected {right}")
     check_folders()
     return Store(place, sources=own_code()[1])
 

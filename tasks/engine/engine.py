@@ -192,7 +192,7 @@ class Engine:
             self.index.store.refresh()
             yield attempt
         place = self.index.store.place
-        raise StoreError(f"store: {place!r} loses what is written to it; is the disk full or broken?")
+        raise StoreError(f"store: {place!r} loses what is written to it. Is the disk full or broken?")
 
     def scan(self, configurations: Iterable[ConfigurationRuns]) -> dict[str, FoundRuns]:
         """Return the store's artifacts of configurations, by name, and count them."""

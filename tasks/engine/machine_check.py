@@ -29,7 +29,7 @@ def check_machine() -> None:
     home = Path(os.environ.get("PREFECT_HOME") or "~/.prefect").expanduser()
     # With an API of the user's, which a profile may name, Prefect writes nothing there.
     if not os.environ.get("PREFECT_API_URL") and not is_file(home / "profiles.toml"):
-        _check_written(home, "set PREFECT_HOME to a folder of yours")
+        _check_written(home, "Set PREFECT_HOME to a folder of yours")
     if sys.platform == "linux":
         if not _SHARED_MEMORY.is_dir():
             raise _error(_SHARED_MEMORY, os.strerror(errno.ENOENT), _MOUNT)
@@ -42,11 +42,11 @@ def check_folders() -> None:
     Raises:
         StoreError: the cache, or the folder for temporary files, is not.
     """
-    _check_written(Path(platformdirs.user_cache_dir("vastflow")), "set XDG_CACHE_HOME to a folder of yours")
+    _check_written(Path(platformdirs.user_cache_dir("vastflow")), "Set XDG_CACHE_HOME to a folder of yours")
     try:
         temporary = Path(tempfile.gettempdir())
     except FileNotFoundError:  # it has tried them
-        raise StoreError("no folder for temporary files can be written; set TMPDIR to one of yours") from None
+        raise StoreError("No folder for temporary files can be written. Set TMPDIR to one of yours.") from None
     _check_written(temporary, _TMPDIR)
 
 
@@ -60,7 +60,7 @@ def check_numba() -> None:
     tested = next(each.specifier for each in asked if each.name == "numba")
     found = importlib.metadata.version("numba")
     if not tested.contains(found, prereleases=True):
-        raise StoreError(f"numba: expected a tested version ({tested}), got {found}; pip install 'numba{tested}'")
+        raise StoreError(f"numba: Expected a tested version ({tested}), got {found}. Call pip install 'numba{tested}'.")
 
 
 def check_temporary(error: OSError) -> None:
@@ -77,8 +77,8 @@ def check_temporary(error: OSError) -> None:
     _check_written(Path(temporary), _TMPDIR)  # what fails while it is written names no file
 
 
-_TMPDIR: Final = "set TMPDIR to a folder of yours"
-_MOUNT: Final = "mount a tmpfs there; a container has one with --shm-size"
+_TMPDIR: Final = "Set TMPDIR to a folder of yours"
+_MOUNT: Final = "Mount a tmpfs there (a container has one with --shm-size)"
 
 
 def _check_written(folder: Path, right: str) -> None:
@@ -91,4 +91,4 @@ def _check_written(folder: Path, right: str) -> None:
 
 
 def _error(folder: Path, reason: str, right: str) -> StoreError:
-    return StoreError(f"can't write to {str(folder)!r} ({reason}); {right}, or make room")
+    return StoreError(f"can't write to {str(folder)!r} ({reason}). {right}, or make room.")

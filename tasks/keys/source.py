@@ -163,7 +163,7 @@ class SourceTree:
             return self._with({top: Path(next(iter(sys.modules[top].__path__)))}, {}).code(name)
         single = sys.modules[name].__file__
         if single is None:
-            raise ModuleNotFoundError(f"{plug_in!r} has no source file; a plug-in is a Python file or package")
+            raise ModuleNotFoundError(f"{plug_in!r} has no source file. A plug-in is a Python file or package")
         return self._with({}, {PLUG_IN: Path(single)}).code(PLUG_IN)
 
     def _frozen_code(self, snapshot: Snapshot) -> Code:

@@ -82,7 +82,7 @@ def check_working_directory() -> None:
             found = True
         if found:
             what = f"{Path(name).absolute()}: got settings of Prefect in the working directory"
-            raise UserError(f"{what}; expected them in the environment or in a profile (`prefect config set`)")
+            raise UserError(f"{what}. Expected them in the environment or in a profile (`prefect config set`)")
 
 
 def post(client: "SyncPrefectClient", route: ApiRoute, content: Mapping[str, Any]) -> Any:

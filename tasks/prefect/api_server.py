@@ -37,7 +37,7 @@ def set_aside_if_damaged(connection_url: str, now: datetime) -> str | None:
     for suffix in ("", "-wal", "-shm"):
         with contextlib.suppress(FileNotFoundError):
             database.with_name(database.name + suffix).rename(aside.with_name(aside.name + suffix))
-    return f"Prefect's database {database} is damaged ({damage}); it is now {aside.name}, and a new one is made"
+    return f"Prefect's database {database} is damaged ({damage}). It is now {aside.name}, and a new one is made"
 
 
 def _damage(database: Path) -> str | None:

@@ -13,7 +13,7 @@ from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.document import EXPONENT
 from vastflow.producers.campaign_file.spec import Resources
 from vastflow.producers.model.faults import Location, shown
-from vastflow.sim.model.faults import Fault, FileError, complaint
+from vastflow.sim.model.faults import Fault, FileError, Got, Invalid, Problem
 from vastflow.sim.model.names import did_you_mean, label_of
 
 T = TypeVar("T")
@@ -51,8 +51,9 @@ def memory_bytes(text: str) -> int:
         if size > 0:
             return size
     near = f"{match[2][:1].upper()}i" if match else ""
-    right = f"did you mean '{match[1]}{near}'?" if match and near in SUFFIXES else "a quantity such as 8Gi or 512Mi"
-    raise ValueError(complaint(f"got {text!r}", right))
+    meant = f"{match[1]}{near}" if match and near in SUFFIXES else text
+    right = "expected more than 0, such as 8Gi" if meant == text else f"did you mean {meant!r}?"
+    raise Invalid(f"unknown quantity {text!r}", right)
 
 
 def kubernetes_memory(size: int) -> str:
@@ -143,9 +144,8 @@ class _Reader:
             text, where = memory
             try:
                 size = memory_bytes(text)
-            except ValueError as error:
-                what, _, right = str(error).partition("; ")
-                self._fault(where, what, right)
+            except Invalid as error:
+                self._fault(where, error.problem, error.expected)
         cpu = self._chosen(resources.cpu, "cpu")
         return Needs(cpu[0] if cpu else None, size, resources.gpu or 0)
 
@@ -155,9 +155,9 @@ class _Reader:
             for name, value in entry.items():
                 location = ("execution", "env", i, name)
                 if not VARIABLE.fullmatch(name):
-                    self._fault(location, f"got {name!r}", "letters, digits and underscores", "key")
+                    self._fault(location, Got(repr(name)), "letters, digits and underscores", "key")
                 elif isinstance(value, list | dict):
-                    self._fault(location, "got a list or mapping", "text, a number, true or false")
+                    self._fault(location, Got("a list or mapping"), "text, a number, true or false")
                 else:
                     yield name, self._as_written(location, value)
 
@@ -166,9 +166,9 @@ class _Reader:
             location = ("execution", "kubernetes", "jobs", "node_labels", name)
             text = "" if isinstance(value, list | dict) else self._as_written(location, value)
             if not NODE_LABEL.fullmatch(name):
-                self._fault(location, f"got {name!r}", "a label such as node-type or example.org/node-type", "key")
+                self._fault(location, Got(repr(name)), "a label such as node-type or example.org/node-type", "key")
             elif isinstance(value, list | dict) or not NODE_LABEL_VALUE.fullmatch(text):
-                self._fault(location, f"got {shown(value)}", "at most 63 letters, digits, '-', '_' and '.'")
+                self._fault(location, Got(shown(value)), "at most 63 letters, digits, '-', '_' and '.'")
             else:
                 yield name, text
 
@@ -183,7 +183,7 @@ class _Reader:
             for context, amount in entry.items()
         }
         if not places:
-            self._fault(location, "got an empty list", "an amount, or one for each context, '- context: amount'")
+            self._fault(location, Got("an empty list"), "an amount, or one for each context, '- context: amount'")
         elif self._context not in places:
             self._fault(location, f"nothing for the context {self._context!r}", did_you_mean(self._context, places))
         return places.get(self._context)
@@ -198,7 +198,7 @@ class _Reader:
             return match[0]
         return str(value).lower() if isinstance(value, bool) else str(value)
 
-    def _fault(self, location: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> None:
+    def _fault(self, location: Location, what: Problem, right: str, at: Literal["key", "value"] = "value") -> None:
         self.faults.append(self._campaign.fault(location, what, right, at))
 
 

@@ -95,7 +95,7 @@ def description_of(
     if cluster is not None:
         machine = f"Workers of the Dask cluster at `{cluster}` compute the runs."
     where = (
-        f"{machine} A flow run that Prefect shows as *Failed* has a fault, in its campaign file or in its runs; runs that the robot "
+        f"{machine} A flow run that Prefect shows as *Failed* has a fault, in its campaign file or in its runs. Runs that the robot "
         "failed are in the report."
     )
     return "\n\n".join(filter(None, (about.strip(), does, where))) + "\n"

@@ -37,7 +37,7 @@ def register_pool(client: SyncPrefectClient, name: str, kind: PoolType) -> bool:
         return True
     if pool.type != kind.value:
         raise UserError(
-            f"--pool: expected a work pool of type {kind.value!r}, got {name!r} of type {pool.type!r}; give --type {pool.type}"
+            f"--pool: Expected a work pool of type {kind.value!r}, got {name!r} of type {pool.type!r}. Give --type {pool.type}."
         )
     if kind is not PoolType.process:
         client.update_work_pool(name, WorkPoolUpdate(base_job_template=pool_template(kind)))

@@ -86,9 +86,9 @@ class ApiServer:
                 self.answers = True
                 return address
             if time.monotonic() > deadline:
-                raise PrefectUnavailable(f"Prefect's API did not start within {timeout_s:.0f} s; see {self._log}")
+                raise PrefectUnavailable(f"Prefect's API did not start within {timeout_s:.0f} s, see {self._log}")
             time.sleep(_POLL_S)
-        raise PrefectUnavailable(f"Prefect's API ended while it started; see {self._log}")
+        raise PrefectUnavailable(f"Prefect's API ended while it started, see {self._log}")
 
     def stop(self, grace_s: float = 3.0) -> None:
         """Stop the server, after `grace_s` at the latest; may be called twice."""
@@ -125,7 +125,7 @@ class ApiServer:
             with self._lock:
                 if self._stopping or not is_killed or not restarts_left:
                     break
-                LOGGER.warning("Prefect's API was killed; it is started again")
+                LOGGER.warning("Prefect's API was killed. It is started again")
                 self._process = self._started()
         self.lost = True
 

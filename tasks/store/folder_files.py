@@ -42,7 +42,7 @@ class FolderFiles:
             probe.unlink()
         except OSError as error:
             raise StoreError(
-                f"store: can't write to {self.place!r} ({error.strerror}); give a folder of your own with --store"
+                f"store: can't write to {self.place!r} ({error.strerror}). Give a folder of your own with --store."
             ) from None
         for entry in probe.parent.iterdir():
             with contextlib.suppress(OSError):
@@ -123,8 +123,8 @@ class FolderFiles:
 
     def _unwritable(self, error: OSError) -> StoreError:
         return StoreError(
-            f"store: can't write to {self.place!r} ({error.strerror}); make room there or give another folder "
-            f"with --store; what was finished is kept"
+            f"store: can't write to {self.place!r} ({error.strerror}). Make room there or give another folder "
+            "with --store. What was finished is kept."
         )
 
     def _temporary(self) -> Path:

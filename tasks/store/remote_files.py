@@ -220,19 +220,19 @@ def unusable(what: str, address: str, error: Exception) -> StoreError:
     """
     found = f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
     if isinstance(error, FileNotFoundError):
-        right = "make the bucket, or correct the address"
+        right = "Make the bucket, or correct the address"
     elif isinstance(error, PermissionError) or "Credential" in type(error).__name__:
         right = (
-            "check the credentials (AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE) and their rights; they come "
+            "Check the credentials (AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE) and their rights. They come "
             "from the environment, as no campaign directory, deployment, or log keeps those of an address"
         )
     elif isinstance(error, ImportError):
-        right = "install what it names, or give a folder or s3://bucket/prefix"
+        right = "Install what it names, or give a folder or s3://bucket/prefix"
     elif isinstance(error, ValueError):
-        right = "give a folder, or an address such as s3://bucket/prefix"
+        right = "Give a folder, or an address such as s3://bucket/prefix"
     else:
-        right = "check the network and the server (AWS_ENDPOINT_URL); what was finished is kept"
-    return StoreError(f"{what}: can't use {address!r} ({found}); {right}")
+        right = "Check the network and the server (AWS_ENDPOINT_URL). What was finished is kept"
+    return StoreError(f"{what}: can't use {address!r} ({found}). {right}.")
 
 
 def _options(address: str) -> dict[str, Any]:

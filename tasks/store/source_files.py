@@ -108,8 +108,8 @@ class _Watched:
 
 def _changed(file: str) -> StoreError:
     return StoreError(
-        f"store: {file} changed while the campaign ran, so nothing more of it is kept; what was finished before is: "
-        "give the same command again"
+        f"store: {file} changed while the campaign ran, so nothing more of it is kept. What was finished before is: "
+        "give the same command again."
     )
 
 

@@ -397,5 +397,5 @@ def _unreadable(error: OSError) -> StoreError:
     if isinstance(error, StoreError):
         return error
     return StoreError(
-        f"store: can't read {error.filename!r} ({error.strerror}); check the disk, or give another folder with --store"
+        f"store: can't read {error.filename!r} ({error.strerror}). Check the disk, or give another folder with --store."
     )

@@ -28,7 +28,7 @@ from vastflow.producers.floorplan.rendering import render
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
-from vastflow.sim.model.faults import Fault, FileError, ScenarioError, complaint
+from vastflow.sim.model.faults import Fault, FileError, ScenarioError, message_of
 from vastflow.sim.model.scenario import ProcessSetup, Scenario, scenario_of
 from vastflow.sim.nav2.parameter_files.findings import findings
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
@@ -165,7 +165,7 @@ def _campaign(file: Path, trial: Trial) -> Made:
         runs = list(pool.map(partial(_run, oracles=oracles, seed=campaign.seed), *zip(*wanted, strict=True)))
     reason, counts = _told(runs)
     steps = steps_of(campaign.spec.results_processing.postprocessing)
-    undone = [complaint for step in steps if (complaint := step.complaint(file.parent))]
+    undone = [message_of(*complaint) for step in steps if (complaint := step.complaint(file.parent))]
     missing = [_short(faults[0], file) for faults in campaign.unavailable.values()]
     counts["broken"] += len(undone) + len(missing)
     reasons = [reason, *undone, *missing, *(each.reason for each in made.rejections[:1])]
@@ -177,7 +177,7 @@ def _scenario(file: Path, trial: Trial) -> Made:
     content = abstract_content(file)
     definition = definition_of(content)
     if lacking := unsupported(definition, ACTIONS):
-        return "refused", _first([complaint(each.problem, each.expected) for each in lacking]), {}
+        return "refused", _first([message_of(each.problem, each.expected) for each in lacking]), {}
     with tempfile.TemporaryDirectory() as folder:
         values: dict[str, Any] = {"map_file": map_content(_room(Path(folder)))}
         for parameter in definition.parameters:
@@ -268,7 +268,7 @@ def _pose(x_m: float, y_m: float) -> dict[str, Any]:
 
 def _short(fault: Fault, file: Path) -> str:
     place = "" if Path(fault.place.file) == file else f"{Path(fault.place.file).name}:"
-    said = f"{place}{fault.place.line}: {fault.place.where}: {complaint(fault.problem, fault.expected)}"
+    said = f"{place}{fault.place.line}: {fault.place.where}: {message_of(fault.problem, fault.expected)}"
     return said.replace(f"{file.parent}/", "")
 
 

@@ -139,6 +139,6 @@ def busy_api(monkeypatch):
 def test_deploy_asks_busy_api_again(file, busy_api):
     result = called("deploy", file, "--pool", "lab")
     assert result.exit_code == 3
-    assert "is busy; trying again for up to 2 s" in result.output
-    assert "was busy for 2 s; deploy again later" in result.output
+    assert "is busy, trying again for up to 2 s" in result.output
+    assert "was busy for 2 s. Deploy again later" in result.output
     assert "503" not in result.output

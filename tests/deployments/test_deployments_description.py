@@ -100,14 +100,14 @@ def test_memory_bytes_reads_quantity_of_kubernetes(text, size):
 @each_row(
     ("text", "right"),
     [
-        ("8GB", "did you mean '8Gi'?"),
-        ("8g", "did you mean '8Gi'?"),
-        ("8 Gi", "did you mean '8Gi'?"),
-        ("512m", "did you mean '512Mi'?"),
-        ("lots", "a quantity such as 8Gi or 512Mi"),
-        ("-1Gi", "a quantity such as 8Gi or 512Mi"),
-        ("", "a quantity such as 8Gi or 512Mi"),
-        ("0Gi", "got '0Gi'"),
+        ("8GB", "Did you mean '8Gi'?"),
+        ("8g", "Did you mean '8Gi'?"),
+        ("8 Gi", "Did you mean '8Gi'?"),
+        ("512m", "Did you mean '512Mi'?"),
+        ("lots", "more than 0, such as 8Gi"),
+        ("-1Gi", "more than 0, such as 8Gi"),
+        ("", "more than 0, such as 8Gi"),
+        ("0Gi", "more than 0, such as 8Gi"),
     ],
 )
 def test_memory_bytes_refuses_anything_else(text, right):

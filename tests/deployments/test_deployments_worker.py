@@ -81,7 +81,7 @@ def logged(api, flow_run):
 def test_deploy_creates_pool_and_deployment_and_prints_next_step(api, deployed):
     assert deployed.exit_code == 0, deployed.output
     made, address, again = deployed.stdout.splitlines()
-    assert made == "made the work pool lab; start a worker: prefect worker start --pool lab"
+    assert made == "made the work pool lab, now start a worker: prefect worker start --pool lab"
     assert address.startswith(f"{DEPLOYMENT}: http://127.0.0.1:")
     assert again == f"run it: prefect deployment run '{DEPLOYMENT}'"
     assert api.read_work_pool("lab").type == "process"
@@ -136,7 +136,7 @@ def test_deploying_again_changes_the_same_deployment(api, place, deployed, monke
 def test_pool_of_other_type_is_refused(api, place, deployed, monkeypatch):
     monkeypatch.chdir(place)
     said = refused("deploy", "tiny.vast", "--pool", "lab", "--type", "docker")
-    assert said == "--pool: expected a work pool of type 'docker', got 'lab' of type 'process'; give --type process"
+    assert said == "--pool: Expected a work pool of type 'docker', got 'lab' of type 'process'. Give --type process."
 
 
 def test_contradictory_parameters_are_refused_before_running(api, deployed):

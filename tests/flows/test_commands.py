@@ -87,7 +87,7 @@ def test_validate_counts_parts_and_names_unexecuted_keys(small_room):
     result = called("validate", small_room)
     note, _, rest = result.stdout.partition("\n")
     assert (result.exit_code, rest) == (0, ok)
-    assert "execution.image" in note and "not executed by this version" in note
+    assert "execution.image" in note and "Not executed by this version" in note
 
 
 def test_search_with_unknown_step_is_refused(tmp_path):
@@ -156,7 +156,7 @@ def test_interrupted_run_exits_with_130_and_prints_resume_command(small_room, ru
     before = signal.getsignal(number)
     result = called("run", small_room)
     assert result.exit_code == 130
-    assert result.stderr == "interrupted; `vastflow run 'my room.vast' --runs 5` again computes only what is missing\n"
+    assert result.stderr == "Interrupted. `vastflow run 'my room.vast' --runs 5` again computes only what is missing.\n"
     assert signal.getsignal(number) is before
 
 

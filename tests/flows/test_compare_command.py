@@ -123,7 +123,7 @@ GATES = [
         ALIKE,
         OTHERS,
         4,
-        "can't be claimed: 12 situations can't rule out a loss of 2 points in other situations; it takes 183",
+        "can't be claimed: 12 situations can't rule out a loss of 2 points in other situations, it takes 183",
     ),
     (ALIKE, ALIKE, (*OTHERS, "--margin", 0), 4, "no number of situations is enough"),
     (PATHS, PATHS, (*OTHERS, "--margin", 0.1), 0, "gate holds"),
@@ -162,8 +162,8 @@ def test_gate_refuses_runs_with_other_seeds_and_says_what_to_do(tmp_path):
 @each_row(
     ("differ", "words"),
     [
-        ("map", "12 maps can't rule out a loss of 2 points in other maps with this path; it takes 183"),
-        ("goal on a map", "12 paths can't rule out a loss of 2 points in other paths on this map; it takes 183"),
+        ("map", "12 maps can't rule out a loss of 2 points in other maps with this path, it takes 183"),
+        ("goal on a map", "12 paths can't rule out a loss of 2 points in other paths on this map, it takes 183"),
     ],
 )
 def test_gate_names_the_units_that_it_speaks_of(tmp_path, differ, words):

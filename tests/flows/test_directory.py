@@ -86,7 +86,7 @@ def test_unusable_folder_is_reported_in_words(tmp_path, name):
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "file").write_text("")
     with (
-        pytest.raises(UserError, match=r"results: can't write to .*; make room there or give another folder"),
+        pytest.raises(UserError, match=r"results: can't write to .*\. Make room there or give another folder"),
         new_directory(tmp_path / name, "room", CREATED),
     ):
         raise AssertionError("it was begun")

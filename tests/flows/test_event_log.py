@@ -206,7 +206,7 @@ def test_show_follow_prints_failures_and_outcome(tmp_path):
     shown = called("show", "--follow", place)
     assert shown.exit_code == 0
     assert shown.stderr == "room-1 runs 0–1, 4 failed: contact\n"
-    assert shown.stdout == f"1 passed, 3 failed, 0 not judged\nno report; tables: {place}\n"
+    assert shown.stdout == f"1 passed, 3 failed, 0 not judged\nno report, but tables: {place}\n"
 
 
 def test_show_follow_finds_running_campaign_in_folder(tmp_path):
@@ -268,7 +268,7 @@ def test_running_campaign_is_followed_stopped_killed_and_resumed(asleep, tmp_pat
     assert is_running(place)
     ask_to_stop(place, "wrong noise")
     said, _ = process.communicate(timeout=120)
-    assert process.returncode == 130 and "stopped: wrong noise; `vastflow" in said.splitlines()[-1]
+    assert process.returncode == 130 and "stopped: wrong noise. `vastflow" in said.splitlines()[-1]
     assert events_in(place)[-1].values["reason"] == "wrong noise" and not is_running(place)
 
     process, place = asleep("two")

@@ -180,7 +180,7 @@ def test_export_takes_patterns_of_families_and_configurations(results, tmp_path)
         folder = tmp_path / f"out{k}"
         assert [suite.name for suite in export(results, folder, patterns).suites] == names
         assert sorted(path.name for path in folder.glob("room*")) == names
-    for pattern, hint in (("rom-1", "did you mean 'room-1'"), ("kitchen*", "it has room, room-1, room-2")):
+    for pattern, hint in (("rom-1", "Did you mean 'room-1'"), ("kitchen*", "Expected one of room, room-1, room-2")):
         words = re.escape(f"no family or configuration matches {pattern!r}; {hint}")
         with pytest.raises(UnusableDirectory, match=words):
             export(results, tmp_path / "none", ["room-1", pattern])
@@ -246,7 +246,9 @@ def test_export_refuses_damaged_file_and_writes_nothing(results, tmp_path, file)
 
 def test_export_command_refuses_folder_that_cannot_be_made(results):
     folder = results / "metadata.json" / "out"
-    assert refused("export", results, folder) == f"{folder}: can't be written (Not a directory); name another folder"
+    assert (
+        refused("export", results, folder) == f"{folder}: It can't be written (Not a directory). Name another folder."
+    )
 
 
 @example("\x1b[31mred\x1b[0m")

@@ -90,7 +90,7 @@ def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, s
     producer = tree.plug_in_digest(type(campaign.families[0].producers[0]))
     (note,) = [note for note in campaign.notes if note.place.file.endswith(".py")]
     assert str(note).startswith(str(home / f"{oracle_folder}own_oracle.py") + ":13:1: warning: os.getenv: ")
-    assert str(note).endswith("is in no key: an edit of it goes unnoticed; a parameter is noticed")
+    assert str(note).endswith("is in no key, so that an edit of it goes unnoticed. Use a parameter in its place.")
     bundle = Packer(store := open_store(tmp_path / "store")).packed(scenarios_of(campaign))
     (home / "lib" / "values.py").write_text("VALUES = [0.5]\n")  # while it runs
     (home / "my_pursuit.py").write_text("raise SystemExit\n")

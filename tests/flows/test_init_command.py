@@ -47,7 +47,7 @@ def test_init_leaves_other_files_and_overwrites_none(tmp_path):
     (tmp_path / "quickstart.vast").unlink()
     (tmp_path / "maps" / "office.pgm").unlink()
     before = files_of(tmp_path)
-    assert re.fullmatch(r"\S+/maps/office\.yaml: there already; name another folder", refused("init", tmp_path))
+    assert re.fullmatch(r"\S+/maps/office\.yaml: There already\. Name another folder\.", refused("init", tmp_path))
     assert files_of(tmp_path) == before
 
 

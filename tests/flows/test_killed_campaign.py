@@ -87,6 +87,6 @@ def test_missing_server_is_reported_in_one_sentence(killed, lab, alone):
     life = place.begin()
     assert life.end() == 3
     assert "Prefect's API at http://127.0.0.1:9/api failed" in life.words()
-    assert "start it (`prefect server start`), or unset PREFECT_API_URL; `vastflow run" in life.words()
+    assert "Start it (`prefect server start`), or unset PREFECT_API_URL `vastflow run" in life.words()
     assert "Traceback" not in life.words()
     assert place.directories() == []

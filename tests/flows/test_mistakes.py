@@ -75,12 +75,12 @@ def test_validate_accepts_template_and_parameter_of_other_controller(campaign):
 @each_row(("place", "wrong", "meant"), WRONG_KEYS)
 def test_validate_suggests_known_key_for_misspelled_one(campaign, place, wrong, meant):
     line = refused("validate", campaign(**{place: f"{wrong}: 1"}))
-    assert "unknown key" in line and line.endswith(f"did you mean {meant!r}?")
+    assert "Unknown key" in line and line.endswith(f"Did you mean {meant!r}?")
 
 
 def test_validate_suggests_known_key_for_misspelled_name_of_producer(campaign):
     varied = "- ParameterVariationList: {name: inflation_raduis, values: [0.3, 0.4]}"
-    assert "did you mean 'inflation_radius'?" in called("validate", campaign(producers=varied)).stderr
+    assert "Did you mean 'inflation_radius'?" in called("validate", campaign(producers=varied)).stderr
 
 
 def test_validate_names_each_mistake_beside_values_and_producers_that_are_wrong(campaign):
@@ -89,7 +89,7 @@ def test_validate_names_each_mistake_beside_values_and_producers_that_are_wrong(
         said = called("validate", campaign(parameters=", ".join(mistakes), path=path)).stderr
         expected = [*(each.partition(":")[0] for each in mistakes), *(["num_paths"] if path else [])]
         assert [name for name in expected if f"{name}: " not in said and f"{name}'" not in said] == []
-        assert "unknown key 'robot_raduis'; did you mean 'robot_radius'?" in said
+        assert "Unknown key 'robot_raduis'. Did you mean 'robot_radius'?" in said
 
 
 def test_validate_shows_line_with_caret_below_mistake(campaign):
@@ -120,7 +120,9 @@ def test_run_without_configurations_counts_rejections_and_exclusions(campaign, t
     file = campaign(path="num_paths: 4", lengths="[400.0, 500.0]")
     for command in (("run", file, "--results", tmp_path / "results"), ("plan", file)):
         said = called(*command).stderr
-        assert "nothing to run: PathVariationRandom rejects 8 of family 'room': 4 × this map has no path" in said
+        assert (
+            "There is nothing to run. PathVariationRandom rejects 8 of family 'room': 4 × this map has no path" in said
+        )
     assert not list((tmp_path / "results").glob("*"))
     file = campaign(path="num_paths: 2", lengths="[3.0, 500.0]", family="constraints: [short: path_length < 1]")
     result = called("plan", file)
@@ -131,9 +133,9 @@ def test_run_without_configurations_counts_rejections_and_exclusions(campaign, t
 def test_validate_proves_path_length_infeasible(campaign):
     some = called("validate", campaign(path="num_paths: 4", lengths="[3.0, 500.0]"))
     assert some.exit_code == 0 and "warning" in some.stdout
-    assert "rejects 4 of family 'room': this map has no path of 500 m" in some.stdout
+    assert "4 configurations of family 'room' are rejected. This map has no path of 500 m" in some.stdout
     none = called("validate", campaign(lengths="500.0"))
-    assert (none.exit_code, none.stdout) == (2, "") and "this map has no path of 500 m" in none.stderr
+    assert (none.exit_code, none.stdout) == (2, "") and "his map has no path of 500 m" in none.stderr
 
 
 def test_validate_refuses_strategy_whose_library_is_missing(tmp_path, monkeypatch):
@@ -145,7 +147,7 @@ def test_validate_refuses_strategy_whose_library_is_missing(tmp_path, monkeypatc
         "search: {strategy: optuna, search_space: {a: {type: int, low: 1, high: 2}}, budget: {batches: 1}}\n"
     )
     said = refused("validate", tmp_path / "search.vast")
-    assert "the library optuna is not installed; pip install -e '.[search]' in the checkout of vastflow" in said
+    assert "The library optuna is not installed. Call pip install -e '.[search]' in the checkout" in said
 
 
 def test_plan_lists_assumed_mount_and_radii_of_oracles(campaign):

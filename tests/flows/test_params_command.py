@@ -125,7 +125,7 @@ def test_campaign_keeps_parameter_file_and_validate_reports_it(small_room, nav2,
     assert (set(found.files), len(found.maps)) == ({"nav2.yaml", "room.yaml", "room.pgm"}, 1)
     result = called("validate", small_room)
     assert result.exit_code == 0
-    assert f"{file}:12:14: velocity_smoother.mystery: not modeled\n" in result.stdout
+    assert f"{file}:12:14: velocity_smoother.mystery: 'mystery' is not modeled\n" in result.stdout
     assert result.stdout.endswith("OK: 1 family, 1 producer, 1 oracle\n")
     monkeypatch.chdir(tmp_path)
     file.write_text(NAV2.replace("_vel: 1.0", "_vel: -1.0"))
@@ -147,10 +147,10 @@ def test_terminal_lines_count_unmodeled_parameters_and_warnings_of_floor_plan_be
     lines = list(terminal_lines(notes))
     assert lines[:2] == [str(note(300, "warning")), str(note(301, "not executed"))]
     assert lines[2:-1] == [str(note(k)) for k in range(3)]
-    assert lines[-1] == "nav2.yaml: and 197 more that are not modeled; `vastflow params nav2.yaml` shows them all"
+    assert lines[-1] == "nav2.yaml: and 197 more that are not modeled (`vastflow params nav2.yaml` shows them all)"
     files = ("a.vast", "rooms.fpm")
     lines = list(terminal_lines([note(k, "warning", file) for k in range(1, 10) for file in files]))
     of_campaign = [line for line in lines if line.startswith("a.vast")]
     assert of_campaign == [str(note(k, "warning", "a.vast")) for k in range(1, 10)]
     assert len(lines) == 9 + 4
-    assert lines[-1] == "rooms.fpm: and 6 more warnings; `vastflow floorplan geometry rooms.fpm` shows them all"
+    assert lines[-1] == "rooms.fpm: and 6 more warnings (`vastflow floorplan geometry rooms.fpm` shows them all)"

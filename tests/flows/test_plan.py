@@ -107,7 +107,7 @@ RUNS = ("dry.vast", "runs: 2", "runs: 5")
 LEAST = ("dry.vast", "least_m: 0.1", "least_m: 0.2")
 FRONT = ("dry.vast", "configuration:\n", "configuration:\n" + FAMILY)
 
-GATHERED = "all verdicts are in the store; causes of failures follow from them anew"
+GATHERED = "all verdicts are in the store, but causes of failures follow from them anew"
 
 NOTHING = (0, 0, 0, 0)
 CASES = {
@@ -305,7 +305,7 @@ def test_plan_reports_damaged_past_and_unknown_name(again, first, tmp_path):
     (past / "runs.parquet").unlink()
     with pytest.raises(UnusableDirectory, match=r"past: damaged campaign directory: .*runs\.parquet"):
         again.dry(since=past)
-    with pytest.raises(FileError, match=r"no family or configuration 'rom'; did you mean 'room'\?"):
+    with pytest.raises(FileError, match=r"No family or configuration 'rom'\. Did you mean 'room'\?"):
         again.dry(only=["rom"])
     assert again.dry(NOISE, only=["room-1-1"]).computed("execute") == 0
 

@@ -146,7 +146,7 @@ def test_replica_refuses_changed_file_with_absolute_path(small_room, tmp_path, t
     assert not folder.exists()
     outside.write_text(outside.read_text().replace("0.05", "0.1"))
     with (
-        pytest.raises(UnusableDirectory, match=r"room\.yaml is another file now than in its inputs; put back"),
+        pytest.raises(UnusableDirectory, match=r"room\.yaml is another file now than in its inputs\. Put back"),
         replica(directory, asked),
     ):
         pass
@@ -176,7 +176,7 @@ def test_run_finds_incomplete_directory_by_either_name(half, directory, asked_ag
     assert f"process {me.pid} is writing it" in refused("run", directory)
     (half / WRITER).unlink()
     (half / "metadata.json").unlink()
-    assert "incomplete campaign directory; `vastflow run`" in refused("run", half)
+    assert "campaign directory is incomplete. Give `vastflow run`" in refused("run", half)
 
 
 def aged(folder, age_s):

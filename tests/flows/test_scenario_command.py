@@ -37,8 +37,8 @@ def test_check_names_actions_that_cannot_be_run(file):
     result = called("scenario", "check", file)
     assert (result.exit_code, result.stdout) == (2, "")
     bag, world = (line for line in result.stderr.splitlines() if line.startswith(str(file)))
-    assert bag.startswith(f"{file}:12:9: bag_play can't be run here; ")
-    assert world.startswith(f"{file}:14:9: load_world can't be run here; ")
+    assert bag.startswith(f"{file}:12:9: bag_play can't be run here. ")
+    assert world.startswith(f"{file}:14:9: load_world can't be run here. ")
     result = called("scenario", "parameters", file)
     assert result.exit_code == 0 and json.loads(result.stdout)[0]["scenario"] == "patrol"
 

@@ -98,7 +98,7 @@ def test_instantiate_names_configurations_and_executes_nothing(place, configurat
     assert configurations.table().column("name").to_pylist() == list(configurations.names)
     assert count(place, "execute") == 0
     assert repr(configurations) == "<small: 5 configurations, 0 instances rejected, 0 excluded>"
-    with pytest.raises(UserError, match="expected the name of a configuration, got 'left-1-3'; did you mean 'left-1-"):
+    with pytest.raises(UserError, match=r"Unknown configuration 'left-1-3'\. Did you mean 'left-1-"):
         configurations["left-1-3"]
 
 
@@ -173,7 +173,7 @@ def test_judge_by_other_parameters_executes_nothing_and_returns_faults(place, tr
 
 
 def test_judge_refuses_unknown_parameter_of_oracle_with_its_place(traces):
-    with pytest.raises(FileError, match=r"small\.vast:1:1: oracles\[1\]\.rest: unknown key 'rest'"):
+    with pytest.raises(FileError, match=r"small\.vast:1:1: oracles\[1\]\.rest: Unknown key 'rest'"):
         judge(traces, oracles=["success", {"own.py:Even": {"rest": 1}}])
 
 
@@ -185,7 +185,7 @@ def test_stages_report_deleted_artifacts_as_lost(place, configurations, tmp_path
     recordings = execute(instantiate(tmp_path / "small.vast", store=tmp_path / "store"))
     shutil.rmtree(tmp_path / "store" / "execute")
     shutil.rmtree(tmp_path / "store" / "observe")
-    with pytest.raises(Lost, match=r"recordings of left-1-1 are not in the store .*; execute again"):
+    with pytest.raises(Lost, match=r"recordings of left-1-1 are not in the store .*\. Call execute again"):
         observe(recordings)
     with pytest.raises(Lost, match="execute/"):
         recordings.of("left-1-1")

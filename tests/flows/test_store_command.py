@@ -75,7 +75,7 @@ def test_verify_names_damage_and_repair_discards_it(ran, store):
     assert damaged == {key: "recordings.parquet is not what was written"}
     keys = {key, spoil(store, "observe")}
     result = called("store", "verify", "--repair")
-    assert (result.exit_code, "2 damaged; deleted, to be computed again" in result.stdout) == (0, True)
+    assert (result.exit_code, "2 damaged, deleted to be computed again" in result.stdout) == (0, True)
     assert keys_in(store) == before - keys
     one, other, *_ = sorted(key for key in keys_in(store) if key.startswith("judge"))
     shutil.rmtree(store.local / one)

@@ -15,6 +15,7 @@ from vastflow.oracles.judgement import verdict
 from vastflow.oracles.judgement.conformance import CHECKS, check_oracle, sample_runs
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
 from vastflow.oracles.judgement.registry import OracleError, known_oracles, oracle_of, oracles_of
+from vastflow.sim.model.faults import message_of
 
 OWN = """
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
@@ -56,17 +57,17 @@ def test_oracles_of_campaign_begin_with_success():
 def test_wrong_parameters_are_reported_at_their_places():
     with pytest.raises(OracleError, match="max_deceleration_mps2") as caught:
         oracle_of("safety", {"robot_radius": 0.2, "max_deceleration_mps2": 0})
-    faults = {fault.location: (fault.what, fault.right) for fault in caught.value.faults}
+    faults = {fault.location: message_of(fault.problem, fault.expected) for fault in caught.value.faults}
     assert faults == {
-        ("robot_radius",): ("unknown key 'robot_radius'", "did you mean 'robot_radius_m'?"),
-        ("max_deceleration_mps2",): ("got 0", "input should be greater than 0"),
+        ("robot_radius",): "Unknown key 'robot_radius'. Did you mean 'robot_radius_m'?",
+        ("max_deceleration_mps2",): "expected greater than 0, got 0",
     }
 
 
 @each_row(
     ("name", "message"),
     [
-        ("absent.py:Quick", "no file"),
+        ("absent.py:Quick", "There is no file"),
         ("own.py:Slow", "has no class 'Slow'"),
         ("own.py:NoOracle", "is not an oracle"),
         ("broken.py:Quick", "can't be imported: ZeroDivisionError"),

@@ -81,7 +81,7 @@ def test_reasons_belong_to_one_judgement():
     assert (reasons.configuration.tolist(), reasons.reason.tolist()) == (["b"], ["too late"])
     with pytest.raises(ValueError, match=r"verdicts.parquet judges 'z', which is no row of configurations.parquet"):
         table_of([verdict("z")])
-    with pytest.raises(ValueError, match="has the judgement 'maybe'; it can be pass, fail, not judged"):
+    with pytest.raises(ValueError, match=r"has the judgement 'maybe'\. It can be pass, fail, not judged"):
         table_of([verdict(judgement="maybe")])
     with pytest.raises(ValueError, match="JSON"):
         table_of([verdict(), {**verdict(run_index=1), "metrics": "{broken"}]).metrics("success")

@@ -185,8 +185,8 @@ def test_constraints_and_start_check_see_obstacles_of_an_untagged_plug_in(load: 
 @each_row(
     ("lines", "notes"),
     [
-        ("  scenario_file: other.osc\n", ["7:3: warning: scenario_file: has no effect in a family"]),
-        ("  priority: high\n", ["7:3: unknown key: priority: has no effect in a family"]),
+        ("  scenario_file: other.osc\n", ["7:3: warning: scenario_file: 'scenario_file' has no effect in a family"]),
+        ("  priority: high\n", ["7:3: unknown key: priority: 'priority' has no effect in a family"]),
         ("  - robot_color: red\n", ["7:5: unknown key: parameters[3].robot_color: unknown key 'robot_color' is ignored"]),
         (COUNTED_BOXES, ["9:5: unknown key: variations[1].boxes.py:Boxes: unknown key 'boxes' is ignored, unless it lists obstacles"]),
     ],

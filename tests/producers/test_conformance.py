@@ -60,7 +60,7 @@ def test_global_generator_is_found_even_where_it_is_seeded(generator):
         generator.seed(inputs["a"])
         return [Fragment({"b": float(generator.random())})]
 
-    with pytest.raises(AssertionError, match="Mine must not use a global generator; draw from `draws` alone"):
+    with pytest.raises(AssertionError, match=r"Mine must not use a global generator\. Draw from `draws` alone"):
         check_producer(producer(produce), INPUTS)
 
 
@@ -85,7 +85,7 @@ GENERATOR, COUNT = np.random.default_rng(1), itertools.count()
         ),
         (lambda inputs, draws: [Fragment({"c": 1, "_note": 2})], "Mine writes 'c', which it does not declare"),
         (lambda inputs, draws: [Rejection(" ")], "Mine must say why it rejects"),
-        (lambda inputs, draws: [{"b": 1}], "Mine yields a dict; Fragment"),
+        (lambda inputs, draws: [{"b": 1}], r"Mine yields a dict\. Expected Fragment"),
         (lambda inputs, draws: [Fragment({"b": np.int64(1)})], "int64 has no canonical form"),
     ],
 )

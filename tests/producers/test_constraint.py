@@ -102,7 +102,7 @@ def test_constraint_on_obstacles_waits_for_their_producer(room):
 
 @each_row("design", [CARTESIAN, T_WAY])
 def test_constraint_that_can_not_be_evaluated_is_a_fault(design):
-    with pytest.raises(FileError, match="constraint 'odd' can't be evaluated for rooms-2: text < a number"):
+    with pytest.raises(FileError, match="Constraint 'odd' can't be evaluated for rooms-2: text < a number"):
         grown(levels("a", 1, "two"), levels("b", 1, 2), design=design, odd="a < 3")
 
 
@@ -197,5 +197,5 @@ def test_design_that_is_too_large_is_a_fault_at_its_place(load):
     )
     tied = " + ".join(f"k{i}" for i in range(7))
     campaign = load(f"{variations}    constraints: [all: {tied} > 0]\n    design: {{t_way: {{}}}}\n")
-    with pytest.raises(FileError, match=r"15:5: configuration\[0\].design: the design of family 'rooms' is too large"):
+    with pytest.raises(FileError, match=r"15:5: configuration\[0\].design: The design of family 'rooms' is too large"):
         instantiate(campaign)

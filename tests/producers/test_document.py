@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.producers.campaign_file.document import Document, read_document
-from vastflow.sim.model.faults import FileError
+from vastflow.sim.model.faults import FileError, Got
 
 
 def read(folder: Path, content: str | bytes) -> Document:
@@ -57,19 +57,17 @@ def test_faults_of_a_document_have_place_and_message(golden, tmp_path: Path) -> 
 
 def test_damaged_number_is_a_fault_wherever_its_alias_stands(tmp_path: Path) -> None:
     faults = read(tmp_path, "a: &x !!int zz\nb: *x\n").faults
-    assert [(fault.place.line, fault.problem) for fault in faults] == [(1, "got 'zz'")] * 2
+    assert [(fault.place.line, fault.problem) for fault in faults] == [(1, Got("'zz'"))] * 2
 
 
 def test_binary_file_is_one_fault(tmp_path: Path) -> None:
-    assert fatal(tmp_path, "ok: 1\nä: \x01\n").startswith(
-        "c.vast:2:4: file: not YAML: control characters are not allowed; "
-    )
-    assert fatal(tmp_path, b"ok: 1\na: \xff\n").startswith("c.vast:2:4: file: ")
+    assert fatal(tmp_path, "ok: 1\nä: \x01\n").startswith("c.vast:2:4: Not YAML: control characters are not allowed. ")
+    assert fatal(tmp_path, b"ok: 1\na: \xff\n").startswith("c.vast:2:4: Byte ")
 
 
 @each_row(
     ("name", "fault"),
-    [("none.vast", r"none\.vast:1:1: file: no such file; the path of a \.vast file"), ("", "can't be read")],
+    [("none.vast", r"none\.vast:1:1: No such file\. Expected a \.vast file\."), ("", "It is a folder")],
 )
 def test_path_of_no_file_is_a_fault(tmp_path: Path, name: str, fault: str) -> None:
     with pytest.raises(FileError, match=fault):
@@ -88,7 +86,7 @@ def test_numbers_with_an_exponent_are_numbers_and_dates_are_text(tmp_path: Path,
 def test_numbers_that_yaml_1_1_reads_oddly_come_with_a_warning(tmp_path: Path, text: str, value: int) -> None:
     document = read(tmp_path, f"a: {text}")
     assert document.data == {"a": value}
-    assert [note.problem for note in document.notes] == [f"got {text}, which YAML 1.1 reads as {value}"]
+    assert [note.problem for note in document.notes] == [f"YAML 1.1 reads {text} as {value}"]
 
 
 def test_keys_are_the_text_that_is_written(tmp_path: Path) -> None:
@@ -105,12 +103,12 @@ def test_own_keys_override_merged_keys(tmp_path: Path) -> None:
 def test_aliases_that_grow_exponentially_are_a_fault(tmp_path: Path) -> None:
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 9)]
-    assert "aliases that grow" in fatal(tmp_path, "\n".join(lines))
+    assert "Aliases grow" in fatal(tmp_path, "\n".join(lines))
 
 
 def test_nesting_that_would_end_the_process_is_a_fault(tmp_path: Path) -> None:
     fault = fatal(tmp_path, "a: " + "[" * 200_000)
-    assert re.match(r"c\.vast:1:10\d+: file: more than 100 levels deep", fault)  # PyYAML 6.0.4 stops at 1,000 by itself
+    assert re.match(r"c\.vast:1:10\d+: It is more than 100 levels deep", fault)  # PyYAML 6.0.4 stops at 1,000 by itself
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

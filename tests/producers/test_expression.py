@@ -76,10 +76,10 @@ def test_fault_of_an_expression_has_column_and_message_or_the_reason(golden, sec
 @each_row(
     ("text", "message"),
     [
-        ("not " * 70 + "fast", "more than 60 levels deep"),
-        ("(" * 70 + "1 < 2" + ")" * 70, "more than 60 levels deep"),
-        ("- " * 900 + "1 > 0", "more than 60 levels deep"),
-        ("1 < " + "1 + " * MOST_CHARACTERS + "1", "characters; at most 2000"),
+        ("not " * 70 + "fast", "More than 60 levels deep"),
+        ("(" * 70 + "1 < 2" + ")" * 70, "More than 60 levels deep"),
+        ("- " * 900 + "1 > 0", "More than 60 levels deep"),
+        ("1 < " + "1 + " * MOST_CHARACTERS + "1", "More than 2000 characters"),
         ("not\ud800", "got '.ud800'"),
     ],
 )

@@ -8,7 +8,7 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.sim.model.faults import FileError
+from vastflow.sim.model.faults import FileError, Got
 
 ROOMS = ["#" * 16, *["#......##......#"] * 2, "#......||......#", *["#......##......#"] * 2, "#" * 16]
 """Two rooms from (-0.5, -1.5) to (2.5, 1) and from (3.5, -1.5) to (6.5, 1); `|` is a door of 0.5 m at y = -0.25 m."""
@@ -118,7 +118,7 @@ def test_poses_on_a_turned_map_are_looked_up_in_its_frame(family):
 def test_mission_that_is_meant_to_fail_says_so_and_gets_warnings(family):
     file = family(START, "goal_pose: {x: 3.0, y: 0.5}", more="  start_check: none\n")
     (note,) = [note for note in load_campaign(file).notes if note.kind == "warning"]
-    assert (note.place.line, note.problem) == (7, "got (3, 0.5), which lies in a wall")
+    assert (note.place.line, note.problem) == (7, Got("(3, 0.5), which lies in a wall"))
 
 
 @each_row(

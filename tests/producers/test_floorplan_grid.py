@@ -104,7 +104,7 @@ def test_files_are_a_ros_map_of_the_same_content(tmp_path):
 def test_map_of_too_many_cells_is_a_fault():
     with pytest.raises(
         FileError,
-        match=r"p.fpm:1:1: Floor plan p: 4 m × 3 m at 0.0001 m are 1,496,468,036 cells; at most 50,000,000",
+        match=r"p.fpm:1:1: Floor plan p: 4 m × 3 m at 0.0001 m are 1,496,468,036 cells\. At most 50,000,000",
     ):
         grid(ROOM, resolution_m=0.0001)
 

@@ -41,7 +41,7 @@ def test_plan_with_every_kind_of_part_is_built_with_notes():
     assert {hole.name for hole in building.holes} == {
         "main", "lobby_ward", "whole_wall", "over_the_corner", "slit", "eye",
     }  # fmt: skip
-    noted = [re.sub(r"^.*warning: Entryway (.*): it reaches.*", r"\1", str(note)) for note in building.notes]
+    noted = [re.sub(r"^.*warning: Entryway (.*): It reaches.*", r"\1", str(note)) for note in building.notes]
     assert noted == ["whole_wall", "whole_wall", "over_the_corner"]
 
 

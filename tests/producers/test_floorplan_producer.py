@@ -100,7 +100,7 @@ def test_unbuildable_numbers_are_rejected_with_their_seed(base):
     rejected = [item for item in found if isinstance(item, Rejection)]
     assert rejected and any(isinstance(item, Fragment) for item in found)
     assert all(item.requested["drawn"]["gap"] == -5.0 for item in rejected)
-    assert "Entryway door: the width is -5 m; at least 0.001 m" in rejected[0].reason
+    assert "Entryway door: The width is -5 m. It must be at least 0.001 m" in rejected[0].reason
     assert f"with seed {rejected[0].requested['seed']}:" in rejected[0].reason
 
 
@@ -116,8 +116,8 @@ def test_notes_on_drawn_plans_name_their_seeds(base):
     ]  # fmt: skip
     assert 1 < len(beside) < 6
     assert str(note).startswith(
-        f"test_floorplan_example.fpm:40:14: warning: Entryway door: as drawn with seed {beside[0]} and in "
-        f"{len(beside) - 1} more of the first 6 variations: it cuts nothing: it reaches from "
+        f"test_floorplan_example.fpm:40:14: warning: Entryway door: As drawn with seed {beside[0]} and in "
+        f"{len(beside) - 1} more of the first 6 variations, it cuts nothing, as it reaches from "
     )
     child = {"FloorplanVariation": {"variation_files": [file.name], "num_variations": 6, "seed": 3}}
     assert made("OneOfVariation", {"variations": [child]}, base).notes == (note,)
@@ -143,14 +143,14 @@ def test_campaign_reports_each_plan_warning_once(base):
         f"version: 1\nmetadata: {{name: c}}\nconfiguration:\n{families}execution: {{runs: 1}}\n"
     )
     (warning,) = [note for note in load_campaign(base / "c.vast").notes if note.place.file == plan.name]
-    assert warning.problem.endswith("and is cut to that")
+    assert warning.expected == "it is cut to that"
     for producer in (generation(base), variation(base)):
         assert [str(note) for note in producer.notes] == [str(warning)]
 
 
 def test_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):
     (item,) = evaluate(generation(base, resolution=0.0001), {})
-    assert isinstance(item, Rejection) and "cells; at most" in item.reason
+    assert isinstance(item, Rejection) and "cells. At most" in item.reason
 
 
 def test_floor_plan_producers_keep_the_contract(base):

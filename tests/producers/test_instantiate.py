@@ -167,8 +167,11 @@ def test_producer_writes_what_it_declares_and_obstacles_to_the_environment(value
 @each_row(
     ("declared", "message"),
     [
-        ({"writes": {"gain": "world"}}, "Odd writes 'gain' as 'world'; one of environment, task, system, or None"),
-        ({"reads": "noise"}, r"Odd reads the text 'noise'; a tuple of keys, \('noise',\)"),
+        (
+            {"writes": {"gain": "world"}},
+            r"Odd writes 'gain' as 'world'\. Expected one of environment, task, system, or None",
+        ),
+        ({"reads": "noise"}, r"Odd reads the text 'noise'. Write a tuple of keys, \('noise',\)"),
     ],
 )
 def test_declarations_of_a_producer_are_checked(declared, message):

@@ -11,7 +11,7 @@ from table import each_row
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.faults import FileError
+from vastflow.sim.model.faults import FileError, Got, message_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.octile import passable
 
@@ -56,9 +56,9 @@ def load(tmp_path: Path) -> Load:
 @each_row(
     ("overrides", "words"),
     [
-        ("- gaol_pose: {x: 1.0}", r"'gaol_pose' is no parameter of go.osc; did you mean 'goal_pose'"),
+        ("- gaol_pose: {x: 1.0}", r"'gaol_pose' is not a parameter of go.osc\. Did you mean 'goal_pose'"),
         ("- speed: fast", r"expected a speed, a number in mps, .*got 'fast'"),
-        ("- speed: 1.0\n    - speed: 2.0", r"a second 'speed'; one"),
+        ("- speed: 1.0\n    - speed: 2.0", r"Duplicate key 'speed'"),
     ],
 )
 def test_unsuitable_override_is_a_fault(load: Load, overrides: str, words: str) -> None:
@@ -80,7 +80,9 @@ def test_parameter_override_replaces_family_values(load: Load) -> None:
 
 def said(campaign: Campaign) -> list[str]:
     return [
-        f"{note.problem}; {note.expected}" for note in campaign.notes if note.place.where == "execution.scenario_file"
+        message_of(note.problem, note.expected)
+        for note in campaign.notes
+        if note.place.where == "execution.scenario_file"
     ]
 
 
@@ -93,7 +95,9 @@ def test_example_simulation_is_replaced_by_hall(load: Load) -> None:
     fits = passable(hall, 0.3)
     assert all(fits[hall.cell_of(float(x), float(y))] for x in range(-29, 30) for y in range(-29, 30))
     (note,) = said(campaign)
-    assert note.startswith("launches a simulation with a map of its own, which is not here; the robot drives in a hall")
+    assert note.startswith(
+        "The scenario launches a simulation with a map of its own, which is not here. The robot drives in a hall"
+    )
 
 
 @each_row(("own", "key"), [("    map_file: string\n", "map_file"), ("    speed: float\n", "speed")])
@@ -113,17 +117,19 @@ def test_several_goals_are_visited_in_turn(load: Load, goals: str, given: str) -
     campaign = load(goals + MAP)
     found = campaign.families[0].values["map_file"]
     assert isinstance(found, FileContent) and Path(found.path).name == "room.yaml"
-    assert said(campaign) == [f"takes one goal_pose, and there are {given}; the robot is sent to each of them in turn"]
+    assert said(campaign) == [
+        f"The scenario takes one goal_pose, and there are {given}. The robot is sent to each of them in turn."
+    ]
     assert not [note for note in campaign.notes if note.kind == "unknown key"]
 
 
 def test_omitted_spawn_objects_are_none(load: Load) -> None:
     campaign = load(GOAL + MAP, own="    static_objects: list of spawn_entity\n")
-    assert said(campaign) == ["takes static_objects, which nothing writes; it spawns none of them there"]
+    assert said(campaign) == ["The scenario takes static_objects, which nothing writes. It spawns none of them there."]
 
 
 def test_family_without_goals_is_unavailable(load: Load) -> None:
     campaign = load(GOAL + MAP + "- name: b\n  parameters:\n  - goal_poses: []\n" + MAP)
     assert [family.name for family in campaign.families] == ["a"]
     (fault,) = campaign.unavailable["b"]
-    assert (fault.place.line, fault.problem) == (8, "got []")
+    assert (fault.place.line, fault.problem) == (8, Got("[]"))

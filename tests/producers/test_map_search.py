@@ -55,9 +55,9 @@ def test_map_beside_campaign_file_has_precedence_over_map_dir(places):
 @each_row(
     ("name", "folder", "said"),
     [
-        ("hall/map.yaml", "maps", r"hall/map\.yaml: no such file, and no .*; did you mean 'halls/map\.yaml'\?"),
-        ("/opt/other.yaml", "maps", r"/opt/other\.yaml: no such file, and no .*maps/other\.yaml; known: "),
-        ("map.yaml", "empty", r"another --map-dir; .*empty has no map"),
+        ("hall/map.yaml", "maps", r"hall/map\.yaml: No such file, and no .*\. Did you mean 'halls/map\.yaml'\?"),
+        ("/opt/other.yaml", "maps", r"/opt/other\.yaml: No such file, and no .*maps/other\.yaml\. Expected "),
+        ("map.yaml", "empty", r"empty' has no map"),
     ],
 )
 def test_missing_map_names_both_places_and_nearest_map(places, name, folder, said):

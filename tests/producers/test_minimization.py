@@ -210,6 +210,6 @@ def test_candidate_has_parameters_of_scenario_file(tmp_path):
     (tmp_path / "x.vast").write_text("execution: {scenario_file: own.osc}\n")
     abstract, _ = abstract_scenario_of(read_document(tmp_path / "x.vast"), tmp_path)
     it = subject(tmp_path, speed=0.5)
-    with pytest.raises(NotBuilt, match="the scenario needs speed"):
+    with pytest.raises(NotBuilt, match="The scenario needs speed"):
         candidates(it, abstract=abstract).scenario(Candidate(frozenset()))
     assert candidates(it, abstract=abstract).scenario(Candidate(frozenset(named(it, "speed")))).system == {"speed": 0.5}

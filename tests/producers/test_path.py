@@ -91,7 +91,7 @@ def test_impossible_path_is_rejected_with_the_longest(hall):
     # From corner to corner along the diagonal, less the inflation: 291 cells of 0.05 m.
     why = "this map has no path of 200 m ± 0.5 m and >= 1 m in a straight line for a robot 0.35 m across"
     requested = {"path_length": 200.0, "num_goal_poses": 1}
-    reason = f"{why}; the longest shortest path found is 20.58 m"
+    reason = f"{why}. The longest shortest path found is 20.58 m"
     assert items == [Rejection(reason, {**requested, "path": path}) for path in (1, 2)]
     (item,) = evaluate(path_variation(path_length=5, min_distance=6), {"map_file": hall})
     assert item.reason == "a path of 5 m ± 0.5 m can't lead 6 m away in a straight line"

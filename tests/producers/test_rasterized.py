@@ -84,7 +84,7 @@ def test_pairs_of_requested_length_are_complete_and_ordered(
         missing = [n_pairs - len(expected[length]) for length in lengths]
         assert [int(r.reason.split()[0]) for r in rejections] == [n for n in missing if n]
     else:
-        assert [r.reason.rpartition("; ")[2] for r in rejections] == ["too few for a path"] * len(lengths)
+        assert [r.reason.rpartition(", ")[2] for r in rejections] == ["too few for a path"] * len(lengths)
 
 
 def test_points_go_by_rows_from_below_at_the_offset(hall, drawn_map):
@@ -129,7 +129,7 @@ def test_rejection_counts_pairs_and_names_the_longest(drawn_map):
     points = 5  # three and two columns at y 1 m, for the row at 0 is too near the edge
     assert rejections[1].reason == (
         f"{points * (points - 1)} of {points * (points - 1)} pairs on the raster have no path of 50 m ± 0.5 m for a robot "
-        "0.35 m across; 12 of 20 pairs are not connected; the longest shortest path between two of its points is 2.00 m"
+        "0.35 m across. 12 of 20 pairs are not connected. The longest shortest path between two of its points is 2.00 m"
     )
 
 
@@ -153,8 +153,8 @@ def test_given_start_is_kept_or_written_and_is_the_only_one(hall):
         ({}, {"map_file": "m.yaml"}, "map_file is 'm.yaml', not a map file"),
         ({}, {"start_pose": "here"}, "start_pose: "),
         ({}, {"start_pose": {"x": 90, "y": 0}}, "the given start (90, 0) is no place for a robot 0.35 m across"),
-        ({"raster_size": 90}, {}, "a raster of 90 m has 0 points for a robot 0.35 m across on this map; too few"),
-        ({"raster_size": 0.05}, {}, "has 8064 points for a robot 0.35 m across on this map; at most 5000"),
+        ({"raster_size": 90}, {}, "a raster of 90 m has 0 points for a robot 0.35 m across on this map, too few"),
+        ({"raster_size": 0.05}, {}, "has 8064 points for a robot 0.35 m across on this map, at most 5000"),
     ],
 )
 def test_impossible_raster_is_rejected_for_each_length(hall, parameters, inputs, reason):

@@ -94,5 +94,5 @@ def test_faults_of_a_robot_have_place_and_message(golden, family, tmp_path):
 
 
 def test_quantity_is_given_once(family):
-    with pytest.raises(FileError, match=r"a second 'robot.mass'; one; the first is in line 4"):
+    with pytest.raises(FileError, match=r"Duplicate key 'robot.mass', given in line 4"):
         family("{mass: 3}", parameters=", {robot.mass: 4}")

@@ -43,7 +43,7 @@ visualization: {}
 def test_schema_of_robovast_2_is_an_error_that_names_the_converter(tmp_path, version):
     (file := tmp_path / "a.vast").write_text(FILE.replace("version: 4", f"version: {version}"))
     with pytest.raises(
-        FileError, match=rf"2:10: version: {version} is a schema of RoboVAST 2; .*--from-robovast"
+        FileError, match=rf"2:10: version: {version} is a schema of RoboVAST 2\. .*--from-robovast"
     ) as caught:
         load_campaign(file)
     assert len(caught.value.faults) == 1

@@ -174,8 +174,8 @@ def test_plan_names_each_end_with_its_unit():
     ("points", "message"),
     [
         ([{"x": 2.5, "y": 0.0}], r"Odd proposes \{'x': 2\.5, 'y': 0\.0\} in batch 1, which is not in the search space"),
-        ([{"x": 0.0}], "not in the search space; a value of each dimension, of its type and within its bounds"),
-        ([{"x": 0.0, "y": 0.0}] * 3, "strategy Odd proposes 3 points in batch 1; at most 2"),
+        ([{"x": 0.0}], "not in the search space. Expected a value of each dimension"),
+        ([{"x": 0.0, "y": 0.0}] * 3, "strategy Odd proposes 3 points in batch 1. Expected at most 2"),
     ],
 )
 def test_unsuitable_proposals_are_refused(points, message):

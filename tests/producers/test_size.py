@@ -54,16 +54,16 @@ PLACED = "obstacle_configs: [%s]"
 def test_too_many_choices_are_refused_with_the_permitting_key(tmp_path, producer, asked):
     said = refused(campaign(tmp_path, producer))
     number = asked.replace(",", "")
-    right = f"at most 100,000, or 'execution: {{max_configurations: {number}}}'"
-    assert said == f"5:5: configuration[0].variations: asks for {asked} configurations; {right}"
+    right = f"At most 100,000 are allowed, unless 'execution: {{max_configurations: {number}}}' permits more."
+    assert said == f"5:5: configuration[0].variations: The campaign asks for {asked} configurations. {right}"
 
 
 def test_product_of_producers_and_the_sum_of_families_count(tmp_path):
-    assert "asks for 1,000,000 configurations;" in refused(
+    assert "asks for 1,000,000 configurations." in refused(
         campaign(tmp_path, UNIFORM % ("a", 1000), UNIFORM % ("b", 1000))
     )
     said = refused(campaign(tmp_path, UNIFORM % ("a", 50_000), families=3))
-    assert "asks for 150,000 configurations, 50,000 of them here;" in said
+    assert "asks for 150,000 configurations, 50,000 of them here." in said
 
 
 def test_limit_of_the_file_is_read(tmp_path):
@@ -76,8 +76,8 @@ def test_limit_of_the_file_is_read(tmp_path):
 def test_number_of_runs_is_refused_like_a_number_of_configurations(tmp_path):
     said = refused(campaign(tmp_path, UNIFORM % ("a", 20), execution="runs: 1000000000"))
     assert said == (
-        "1:13: execution.runs: asks for 20,000,000,000 runs, 1,000,000,000 of each configuration; "
-        "at most 10,000,000, or 'execution: {max_runs: 20000000000}'"
+        "1:13: execution.runs: The campaign asks for 20,000,000,000 runs, 1,000,000,000 of each configuration. "
+        "At most 10,000,000 are allowed, unless 'execution: {max_runs: 20000000000}' permits more."
     )
     found = load_campaign(campaign(tmp_path, UNIFORM % ("a", 20), execution="runs: 3"))
     assert [found.runs_asked(None), found.runs_asked(500_000)] == [3, 500_000]
@@ -89,11 +89,11 @@ def test_number_of_runs_is_refused_like_a_number_of_configurations(tmp_path):
 def test_excessive_amounts_per_meter_are_rejected(tmp_path):
     path = "PathVariationRandom: {path_length: 1.0, num_goal_poses_per_m: 1000000000}"
     (rejection,) = instantiate(load_campaign(campaign(tmp_path, path))).rejections
-    assert rejection.reason == "a path of 1 m was to have 1000000000 goals; at most 1000"
+    assert rejection.reason == "a path of 1 m was to have 1000000000 goals, and the most are 1000"
     path = "PathVariationRandom: {path_length: 1.0, robot_diameter: 0.1, goal_poses: '@goal_pose'}"
     boxes = f"ObstacleVariation: {{{PLACED % '{amount_per_m: 1000000000, max_distance: 0}'}, robot_diameter: 0.1}}"
     (rejection,) = instantiate(load_campaign(campaign(tmp_path, path, boxes))).rejections
-    assert re.fullmatch(r"\d{9,10} obstacles were asked for; at most 1000", rejection.reason)
+    assert re.fullmatch(r"\d{9,10} obstacles were asked for, and the most are 1000", rejection.reason)
 
 
 class Untold:
@@ -119,11 +119,13 @@ def grown(*producers: Untold, most: int) -> Grown:
 
 
 def test_endless_producer_is_an_error():
-    with pytest.raises(PlugInError, match="Untold yields more than 100,000 choices for one input"):
+    with pytest.raises(PlugInError, match="Untold yields more than its `most_choices` for one input"):
         evaluate(Untold(10**12), {})
 
 
 def test_undeclared_choices_are_counted_when_joined():
     assert len(grown(Untold(20), Untold(30), most=600).partials) == 600
-    with pytest.raises(FileError, match=r"Untold makes 600 configurations of family 'a'; at most 599, or 'execution:"):
+    with pytest.raises(
+        FileError, match=r"Untold makes 600 configurations of family 'a'\. At most 599 are allowed, unless 'execution:"
+    ):
         grown(Untold(20), Untold(30), most=599)

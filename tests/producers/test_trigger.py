@@ -128,7 +128,7 @@ def test_distances_are_outermost_and_each_is_placed_count_times(site):
     ("parameters", "reason"),
     [
         ({"trigger_distance": 12.0}, "ends before 12 m, where the trigger could be set off"),
-        ({"trigger_distance": 0.3}, "appear where the robot is; a trigger_distance of 0.46 m"),
+        ({"trigger_distance": 0.3}, "appear where the robot is. Expected a trigger_distance of 0.46 m"),
         ({"obstacle_configs": [{"amount_per_m": 0.4, "max_distance": 0.5}]}, "3 obstacles were asked for on a path"),
         ({"obstacle_configs": [{**BOX, "args": "width:=0.2, length:=9"}], "trigger_distance": 5}, "of 1 obstacles fit"),
     ],

@@ -72,7 +72,7 @@ def test_world_without_path_between_stops_is_rejected_with_reason(inputs, drawn_
     ):
         (item,) = evaluate(world_variation(wall_offset=0.01), inputs | changes)
         assert isinstance(item, Rejection)
-        why = "in none of 20 worlds that were drawn does the robot find a path; in the last one"
+        why = "in none of 20 worlds that were drawn does the robot find a path. In the last one,"
         assert item.reason == f"{why} {reason}"
     (item,) = evaluate(world_variation(wall_offset=0.1), {"map_file": inputs["map_file"]})
     assert isinstance(item, Fragment)

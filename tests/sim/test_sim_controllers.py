@@ -220,14 +220,14 @@ def test_key_controller_takes_a_plug_in_that_the_file_lists(folder):
     assert type(parameters_of(system).controller).__name__ == "RppParameters"
     chosen = parameters_of({**system, "controller": "my_pursuit.py:PurePursuit"}).controller
     assert (type(chosen).__name__, chosen.lookahead_dist) == ("PurePursuit", 0.9)
-    with pytest.raises(FileError, match=r"did you mean 'my_pursuit.py:PurePursuit'\? one of dwb, mppi, rpp"):
+    with pytest.raises(FileError, match=r"Did you mean 'my_pursuit.py:PurePursuit'\?"):
         parameters_of({**system, "controller": "my_pursuit.py:PurePursit"})
 
 
 def test_registry_asks_to_reinstall_when_metadata_is_outdated(monkeypatch):
     monkeypatch.setattr(registry, "_entries", lambda group: {})
     with pytest.raises(
-        RuntimeError, match=r"its metadata is older than its source; install it again: pip install -e \."
+        RuntimeError, match=r"its metadata is older than its source\. Install it again: pip install -e \."
     ):
         _ = replace(CONTROLLER_PLUG_INS).known
 

@@ -40,12 +40,12 @@ def put(folder: Path, content: bytes, name: str = "file") -> Path:
 @each_row(
     ("place", "message"),
     [
-        ("pipe", "can't be read: it is a pipe; a .vast file"),
-        (".", "can't be read: it is a folder; a .vast file"),
-        ("socket", "can't be read: it is a socket; a .vast file"),
-        ("to_null", "can't be read: it is a device; a .vast file"),
-        *((place, r"no such file; the path of a \.vast file") for place in ("none", "dangling")),
-        *((place, "can't be read: .*; a .vast file") for place in ("circle", "a" * 300, "nul\0")),
+        ("pipe", "It is a pipe. Expected a .vast file"),
+        (".", "It is a folder. Expected a .vast file"),
+        ("socket", "It is a socket. Expected a .vast file"),
+        ("to_null", "It is a device. Expected a .vast file"),
+        *((place, r"No such file\. Expected a \.vast file") for place in ("none", "dangling")),
+        *((place, "can't be read: .* Expected a .vast file") for place in ("circle", "a" * 300, "nul\0")),
         ("large", "expected at most 16,777,216, got 1,099,511,627,776 bytes"),
     ],
 )
@@ -60,7 +60,7 @@ def test_path_that_is_no_regular_file_is_refused_at_once(tmp_path, monkeypatch, 
         listener.bind("socket")
         with pytest.raises(Unreadable, match=message) as caught:
             read_text(place, "a .vast file")
-    assert isinstance(caught.value, Missing) == message.startswith("no such")
+    assert isinstance(caught.value, Missing) == message.startswith("No such")
 
 
 def test_file_that_may_not_be_read_is_refused(tmp_path):
@@ -78,7 +78,7 @@ def test_file_that_may_not_be_read_is_refused(tmp_path):
 
 def test_text_is_read_without_byte_order_mark_and_reports_place_of_wrong_byte(tmp_path):
     assert read_text(put(tmp_path, b"\xef\xbb\xbfa\n")) == "a\n"
-    with pytest.raises(Unreadable, match="byte 0xff is not UTF-8; a text in UTF-8") as caught:
+    with pytest.raises(Unreadable, match=r"Byte 0xff is not UTF-8\.") as caught:
         read_text(put(tmp_path, b"a\n\xc3\xa4\xff"))
     assert pickle.loads(pickle.dumps(caught.value)).place == (2, 2)
 
@@ -90,12 +90,12 @@ def doubling(form):
 @each_row(
     ("text", "message"),
     [
-        *((opening * 100_000, "more than 100 levels deep; fewer levels") for opening in ("[", "{a: ", "- ", "? ")),
+        *((opening * 100_000, "more than 100 levels deep. Use fewer levels") for opening in ("[", "{a: ", "- ", "? ")),
         (
             doubling("a{0}: &a{0} [*a{1}, *a{1}]\n"),
-            "aliases that grow to more than 500,000 values or 100 levels; fewer",
+            "Aliases grow to more than 500,000 values or 100 levels",
         ),
-        (doubling("b{0}: &b{0} {{<<: [*b{1}, *b{1}]}}\n"), "aliases that grow"),
+        (doubling("b{0}: &b{0} {{<<: [*b{1}, *b{1}]}}\n"), "Aliases grow"),
         ("[" + "[]," * 600_000 + "]", "more than 500,000 values"),
         *((text, "got an alias inside of what it stands for") for text in ("&a {<<: *a}", "&a {b: {c: [*a]}}")),
     ],
@@ -129,7 +129,7 @@ UNTAGGED = (
 
 @each_row("text", [*TAGGED, *UNTAGGED])
 def test_yaml_without_a_plain_value_is_refused(text):
-    with pytest.raises(Unreadable, match="not YAML: "):
+    with pytest.raises(Unreadable, match="Not YAML: "):
         yaml_value(text)
 
 
@@ -147,7 +147,7 @@ def test_yaml_gives_value_or_error_for_any_text(value):
         assert 1 <= error.place[0] <= text.count("\n") + 2
 
 
-@each_row(("content", "message"), [(None, "no such file; "), (b"a: [", "not YAML: "), (b"\xff", "not UTF-8")])
+@each_row(("content", "message"), [(None, "No such file"), (b"a: [", "Not YAML: "), (b"\xff", "not UTF-8")])
 def test_set_yaml_value_has_the_same_limits(tmp_path, content, message):
     if content is not None:
         put(tmp_path, content)
@@ -161,7 +161,7 @@ def test_set_yaml_value_has_the_same_limits(tmp_path, content, message):
         ("[" * 100_000, "more than 100 levels deep"),
         ("1" * 5000, "not JSON: Exceeds the limit"),
         ("[" + "1," * 5_000_001 + "1]", "more than 5,000,000 values"),
-        ('{"a": }', "not JSON: Expecting value; a JSON text"),
+        ('{"a": }', "It is not JSON: Expecting value"),
         (b"\xff", "not JSON: 'utf-8' codec"),
     ],
 )
@@ -171,9 +171,9 @@ def test_json_that_cannot_be_read_is_refused(text, message):
 
 
 def test_fault_of_a_json_file_has_its_name_and_place(tmp_path):
-    with pytest.raises(Unreadable, match=r"metadata\.json:2:1: not JSON: Expecting value; a JSON text"):
+    with pytest.raises(Unreadable, match=r"metadata\.json:2:1: It is not JSON: Expecting value"):
         read_json(put(tmp_path, b"[\n,", "metadata.json"))
-    with pytest.raises(Missing, match=r"gone\.json: no such file"):
+    with pytest.raises(Missing, match=r"gone\.json: No such file"):
         read_json(tmp_path / "gone.json")
 
 
@@ -227,7 +227,7 @@ def test_damaged_picture_is_refused(tmp_path, content):
 def test_digest_and_table_of_a_pipe_are_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for read in (file_digest, open_table, read_rows):
-        with pytest.raises(Unreadable, match="can't be read: it is a pipe"):
+        with pytest.raises(Unreadable, match="It is a pipe"):
             read(tmp_path / "pipe")
 
 

@@ -85,7 +85,9 @@ def test_speed_filter_beside_a_controller_without_right_limits_is_a_fault(tmp_pa
         interpretation(parse(text, str(tmp_path / "n.yaml")))
     controller = find_controller("own.py:Misnamed", tmp_path)()
     found = running(controller, Setting(60, 60, RESOLUTION_M, 0.25, 0.25, STREAM))
-    with pytest.raises(ContractError, match=r"own.py:12: speed_limits of Misnamed scales 'speed'; names of its own"):
+    with pytest.raises(
+        ContractError, match=r"own.py:12: speed_limits of Misnamed scales 'speed'\. It must name its own"
+    ):
         speed_zones(floor(), floor(), SpeedFilter(), found)
 
 

@@ -233,7 +233,7 @@ FRAME = r"origin: expected \[x, y, yaw\] in meters and radians, got "
         ({"mode": "binary"}, "mode: expected trinary, scale or raw, got 'binary'"),
         ({"gray": None, "image": "cut.pgm"}, r"cut\.pgm': damaged picture: .*truncated"),
         (None, r"map\.yaml: no such file; a map is a map_server YAML file"),
-        ("a: [", "not YAML"),
+        ("a: [", "Not YAML"),
         ("- 1\n", "expected a mapping with image, resolution and origin, got list"),
     ],
 )

@@ -83,10 +83,10 @@ def test_endless_expression_is_refused_like_any_other_fault(text):
 def test_file_that_is_missing_or_no_text_is_refused(tmp_path):
     (tmp_path / "a.osc").write_bytes(b"scenario a:\n  \xff")
     for reading, file, message in (
-        (read_scenarios, tmp_path / "absent.osc", "there is no file"),
-        (files_of, tmp_path / "absent.osc", "there is no file"),
-        (read_scenarios, tmp_path / "a.osc", "a.osc:2:3: byte 0xff is not UTF-8"),
-        (read_scenarios, tmp_path, "can't be read"),
+        (read_scenarios, tmp_path / "absent.osc", "There is no file"),
+        (files_of, tmp_path / "absent.osc", "There is no file"),
+        (read_scenarios, tmp_path / "a.osc", "a.osc:2:3: Byte 0xff is not UTF-8"),
+        (read_scenarios, tmp_path, "It is a folder"),
     ):
         with pytest.raises(FileError, match=message):
             reading(file)

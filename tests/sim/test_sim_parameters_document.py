@@ -137,17 +137,17 @@ def test_faults_of_a_parameter_document_have_place_and_message(golden):
 
 def test_aliases_that_grow_without_bound_are_a_fault():
     doubling = "".join(f"x{k}: &x{k} {{a: *x{k - 1}, b: *x{k - 1}}}\n" for k in range(1, 40))
-    assert "aliases that grow" in fault(f"x0: &x0 {{ros__parameters: {{b: 1}}}}\n{doubling}")
+    assert "Aliases grow" in fault(f"x0: &x0 {{ros__parameters: {{b: 1}}}}\n{doubling}")
 
 
 def test_aliases_may_not_exceed_maximum_depth():
     chain = "".join(f"x{k}: &x{k} {{a: *x{k - 1}}}\n" for k in range(1, 2 * MOST_LEVELS))
-    assert "levels; fewer aliases" in fault(f"x0: &x0 {{a: {{ros__parameters: {{b: 1}}}}}}\n{chain}")
+    assert "levels. Use fewer aliases" in fault(f"x0: &x0 {{a: {{ros__parameters: {{b: 1}}}}}}\n{chain}")
 
 
 def test_missing_or_binary_file_is_a_fault_of_the_whole(tmp_path):
     (tmp_path / "latin.yaml").write_bytes(b"a:\n b: \xe4\n")
-    messages = {"none.yaml": "no such file", ".": "can't be read", "latin.yaml": "2:5: file: byte 0xe4 is not UTF-8"}
+    messages = {"none.yaml": "No such file", ".": "It is a folder", "latin.yaml": "2:5: Byte 0xe4 is not UTF-8"}
     for name, message in messages.items():
         with pytest.raises(FileError, match=message):
             read_document(tmp_path / name)
@@ -194,6 +194,6 @@ def test_substitution_of_a_launch_file_is_its_default(monkeypatch, text, value):
 @each_row("text", ["$(env SPEED)", "$(var speed)", "$(eval 1.0 + 2.0)"])
 def test_substitution_without_default_is_an_error_that_says_what_to_do(text):
     with pytest.raises(
-        FileError, match=r"alpha1: expected a number.*write what the launch file puts there, or \$\(env"
+        FileError, match=r"alpha1: The launch file replaces .* Write what it puts there, a number, or \$\(env"
     ):
         interpretation(parse(f"amcl: {{ros__parameters: {{alpha1: {text}}}}}"))

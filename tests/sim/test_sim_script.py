@@ -107,5 +107,5 @@ def test_file_that_changed_since_it_was_read_is_refused(tmp_path):
     file.write_text("import osc.types\n" + GO)
     content = abstract_content(file)
     file.write_text("import osc.types\n" + GO.replace("1s", "3s"))
-    with pytest.raises(ScenarioError, match=r"go\.osc changed since the campaign was read; run the campaign again"):
+    with pytest.raises(ScenarioError, match=r"go\.osc changed since the campaign was read\. Run the campaign again"):
         definition_of(content)

@@ -321,7 +321,7 @@ def test_ctrl_c_frees_the_cluster_within_seconds(cluster, programs, tmp_path):
         campaign.send_signal(signal.SIGINT)
         _, said = campaign.communicate(timeout=240)
     assert campaign.returncode == 130
-    assert "interrupted; `vastflow run " in said
+    assert "Interrupted. `vastflow run " in said
     # The worker may be at one that it was just given, but not at the next: six seconds are three of them.
     wait_until(lambda: executed(tmp_path) == (time.sleep(6) or executed(tmp_path)))
     assert len(executed(tmp_path)) < 12

@@ -42,7 +42,7 @@ def test_sound_machine_passes_checks_without_leftovers(machine, tmp_path):
 @pytest.mark.parametrize(("name", "variable"), [("cache", "XDG_CACHE_HOME"), ("prefect", "PREFECT_HOME")])
 def test_unwritable_folder_is_named_with_its_variable(machine, name, variable):
     folder = machine(name)
-    with pytest.raises(StoreError, match=rf"can't write to '{folder}.* \(.+\); set {variable} to a folder of yours"):
+    with pytest.raises(StoreError, match=rf"can't write to '{folder}.* \(.+\)\. Set {variable} to a folder of yours"):
         check_machine()
 
 
@@ -67,7 +67,7 @@ def refuse_prefect(check):
 
 def test_missing_shared_memory_is_named_with_a_remedy(machine, tmp_path):
     (tmp_path / "shm").rmdir()
-    with pytest.raises(StoreError, match=r"shm' \(No such file or directory\); mount a tmpfs there; a container"):
+    with pytest.raises(StoreError, match=r"shm' \(No such file or directory\)\. Mount a tmpfs there \(a container"):
         check_machine()
 
 
@@ -76,7 +76,7 @@ def test_missing_temporary_folder_is_named(machine, monkeypatch):
         raise FileNotFoundError("No usable temporary directory found")
 
     monkeypatch.setattr(tempfile, "gettempdir", none)
-    with pytest.raises(StoreError, match="no folder for temporary files can be written; set TMPDIR"):
+    with pytest.raises(StoreError, match=r"No folder for temporary files can be written\. Set TMPDIR"):
         check_machine()
 
 
@@ -84,7 +84,7 @@ def no_room(*name):
     raise OSError(errno.ENOSPC, "No space left on device", *name)
 
 
-TMPDIR_IS_FULL = r"can't write to '.*tmp' \(.+\); set TMPDIR to a folder of yours, or make room"
+TMPDIR_IS_FULL = r"can't write to '.*tmp' \(.+\)\. Set TMPDIR to a folder of yours, or make room"
 
 
 def test_full_temporary_folder_ends_the_campaign(machine, tmp_path):
@@ -97,7 +97,7 @@ def test_full_temporary_folder_ends_the_campaign(machine, tmp_path):
 def test_unnamed_full_file_is_attributed_to_a_full_temporary_folder(machine):
     tempfile.gettempdir()  # while it can be written
     machine("tmp")
-    with pytest.raises(StoreError, match=r"can't write to '.+' \(.+\); set TMPDIR to a folder of yours"):
+    with pytest.raises(StoreError, match=r"can't write to '.+' \(.+\)\. Set TMPDIR to a folder of yours"):
         answered(no_room)
 
 
@@ -109,5 +109,7 @@ def test_full_plug_in_folder_is_a_plug_in_fault(machine, tmp_path):
 
 def test_untested_numba_is_reported_before_anything_is_computed(machine, monkeypatch):
     monkeypatch.setattr(machine_check.importlib.metadata, "version", lambda _: "9.0.0")
-    with pytest.raises(StoreError, match=r"numba: expected a tested version \(.*>=0.62.*\), got 9.0.0; pip install"):
+    with pytest.raises(
+        StoreError, match=r"numba: Expected a tested version \(.*>=0.62.*\), got 9.0.0\. Call pip install"
+    ):
         check_machine()

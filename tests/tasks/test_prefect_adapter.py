@@ -180,7 +180,7 @@ def test_prefect_is_not_imported_where_a_folder_would_configure_it(tmp_path, mon
     adapter.check_working_directory()
     (tmp_path / name).write_text(text)
     monkeypatch.delitem(sys.modules, "prefect.main", raising=False)
-    with pytest.raises(UserError, match="got settings of Prefect in the working directory; expected them in the env"):
+    with pytest.raises(UserError, match=r"got settings of Prefect in the working directory\. Expected them in the env"):
         adapter.import_prefect()
 
 

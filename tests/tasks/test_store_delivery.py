@@ -66,7 +66,7 @@ def test_half_an_upload_is_no_campaign_directory_and_the_copy_here_is_named(
 
     monkeypatch.setattr(system, "put", broken)
     monkeypatch.setattr("vastflow.tasks.store.remote_files.file_system", lambda _address: (system, root))
-    with pytest.raises(StoreError, match=r"results: can't use 's3://bucket/half' .*; the campaign directory is in "):
+    with pytest.raises(StoreError, match=r"results: can't use 's3://bucket/half' .*\. The campaign directory is in "):
         found.delivered(written(found.folder))
     assert not system.exists(f"{root}/hall-2026-11-22-000000/metadata.json")
     assert list(found.folder.glob("*/report.html"))

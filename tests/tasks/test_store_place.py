@@ -125,7 +125,7 @@ def test_error_names_unreachable_server(start_s3, s3_variables):
     store = open_store("s3://bucket/x")
     server.kill()
     for ask in (store.refresh, lambda: store.find(KEY), lambda: store.put(KEY, {"a.bin": b"one"})):
-        with pytest.raises(StoreError, match=rf"'s3://bucket/x' .*{server.url}.*; check the network and the server"):
+        with pytest.raises(StoreError, match=rf"'s3://bucket/x' .*{server.url}.*\. Check the network and the server"):
             ask()
 
 
@@ -182,7 +182,7 @@ def test_full_place_has_whole_artifacts_or_none(tmp_path, memory, monkeypatch, k
 
     with monkeypatch.context() as patch:
         patch.setattr(owner, name, full)
-        with pytest.raises(StoreError, match=rf"{os.strerror(code)}.*; "):
+        with pytest.raises(StoreError, match=rf"{os.strerror(code)}.*\. "):
             store.put(KEY, FILES, sidecar={"log": b"1"})
     assert store.find(KEY) is None
     assert kind != "folder" or list((store.local / "temporary").iterdir()) == []

@@ -124,7 +124,7 @@ def check_commands(controller: Controller, situations: Sequence[PathMoment]) -> 
         found = _started(controller)
         for _ in range(REPEATED):
             valid, v_mps, w_radps = _commanded(found, situation.given())
-            right = f"must give a finite command, or none, in {situation.name!r}; found v = {v_mps} m/s, ω = {w_radps} rad/s"
+            right = f"must give a finite command, or none, in {situation.name!r}, got {v_mps} m/s and {w_radps} rad/s"
             _must(not valid or (math.isfinite(v_mps) and math.isfinite(w_radps)), controller, right)
 
 
@@ -136,9 +136,7 @@ def check_determinism(controller: Controller, situations: Sequence[PathMoment]) 
     for situation in situations:
         _commanded(other, situations[0].given())
         together.append(_commanded(one, situation.given()))
-    right = (
-        "must command the same again; it keeps something outside of its memory, or draws from elsewhere than its stream"
-    )
+    right = "must command the same again. It keeps something outside of its memory, or draws from elsewhere than its stream."
     again = _drawn(_started(controller), situations)
     _must(repr(alone) == repr(together) == repr(again), controller, right)  # texts, for which NaN is NaN
 
@@ -159,7 +157,7 @@ def check_allocations(controller: Controller, situations: Sequence[PathMoment]) 
     for situation in situations:
         found, given = _started(controller), situation.given()
         each = allocations_of(lambda times, found=found, given=given: _commanded(found, given, times))  # type: ignore[misc]
-        right = f"must allocate nothing in a call, got {each:g} allocations in {situation.name!r}; keep arrays in its memory"
+        right = f"must allocate nothing in a call, got {each:g} allocations in {situation.name!r}. Keep arrays in its memory."
         _must(each == 0, controller, right)
 
 

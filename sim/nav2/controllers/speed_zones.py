@@ -57,8 +57,8 @@ def _places(running: RunningController, limits: SpeedLimits) -> NDArray[np.int64
     fields: Mapping[str, Any] = running.parameters.dtype.fields or {}
     for name in limits.scaled:
         if name not in fields or fields[name][0] != np.float64:
-            right = "names of its own parameters of type float"
-            raise ContractError(f"{line_of(kind)}: speed_limits of {kind.__name__} scales {name!r}; {right}")
+            right = "It must name its own parameters of type float."
+            raise ContractError(f"{line_of(kind)}: speed_limits of {kind.__name__} scales {name!r}. {right}")
     return np.array([fields[name][1] // np.dtype(np.float64).itemsize for name in limits.scaled], dtype=np.int64)
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from vastflow.sim.model.digest import FileContent, Value, canonical
-from vastflow.sim.model.faults import Fault, FileError, Place
-from vastflow.sim.model.names import SLIP, nearest
+from vastflow.sim.model.faults import Fault, FileError, Got, Place, Problem
+from vastflow.sim.model.names import SLIP, did_you_mean, nearest
 from vastflow.sim.model.parameter import ParameterLocation, complaint
 from vastflow.sim.model.polygon import as_array, vertices_of
 from vastflow.sim.nav2.costmaps.outline import outline_of, padded_outline
@@ -27,7 +27,7 @@ from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, doc
 from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, class_name
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, loaded
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, short_names
-from vastflow.sim.nav2.parameter_files.reader import CONTRADICTION, plug_in_name, shown
+from vastflow.sim.nav2.parameter_files.reader import plug_in_name, shown
 from vastflow.sim.nav2.parameter_files.releases import RELEASE, RELEASE_KEY
 from vastflow.sim.nav2.parameter_files.robots import of_robot
 from vastflow.sim.nav2.parameters.robot import NAMESPACE_KEY, NOISE_PLACE, robot_keys
@@ -232,11 +232,11 @@ def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
         return True
     for model, name in fields:
         if right := complaint(model, name, converted(value)):
-            raise _error(key, f"got {shown(value)}", right)
+            raise _error(key, Got(shown(value)), right)
     return bool(fields)
 
 
-def _error(key: str, problem: str, expected: str) -> FileError:
+def _error(key: str, problem: Problem, expected: str) -> FileError:
     return FileError([Fault(Place("", 0, 0, key), problem, expected)])
 
 
@@ -273,9 +273,7 @@ def with_controller(document: ParameterDocument, name: Value) -> ParameterDocume
         return replace(document, values={**values, listed: [own[meant]]})
     if meant not in CONTROLLER_PLUG_INS.known:
         known = [*short_names(), *sorted(each for each in own if FILE in each)]
-        near = nearest(str(name), known)
-        right = f"{f'did you mean {near!r}? ' if near else ''}one of {', '.join(known)}"
-        raise _error(CONTROLLER_KEY, f"got {shown(name)}", right)
+        raise _error(CONTROLLER_KEY, f"unknown controller {shown(name)}", did_you_mean(str(name), known))
     block = written_controller(node, CONTROLLER_PLUG_INS.parameters(meant)())
     kept = {path: value for path, value in values.items() if path[: len(node) + 1] != (*node, CONTROLLERS.used)}
     return replace(document, values={**kept, **block})
@@ -301,7 +299,7 @@ def _chosen(system: _System) -> Chosen:
     if FILE_KEY in system.values:
         content = system.values[FILE_KEY]
         if not isinstance(content, FileContent):
-            raise _error(FILE_KEY, f"got {shown(content)}", f"a file, which execution.{FILE_KEY} names")
+            raise _error(FILE_KEY, Got(shown(content)), f"a file, which execution.{FILE_KEY} names")
         document = loaded(content)
     document = of_robot(document, system.values.get(NAMESPACE_KEY))
     masked = {path: word for path, word in document.values.items() if isinstance(word, str) and word in LAUNCH_WORDS}
@@ -347,7 +345,7 @@ def _own_values(own: Mapping[str, Value]) -> Mapping[ParameterLocation, Value]:
             items = [items]
         elif not isinstance(items, Sequence) or isinstance(items, str) or len(items) != len(paths):
             right = "a list of three variances, of x and y (m²) and of the yaw (rad²)"
-            raise _error(key, f"got {shown(own[key])}", right)
+            raise _error(key, Got(shown(own[key])), right)
         values |= dict(zip(paths, items, strict=True))
     return values
 
@@ -361,7 +359,7 @@ def _named(fault: Fault, touched: Mapping[str, tuple[ParameterLocation, ...]]) -
         return where.startswith(f"{dotted(path)}.") or f"{dotted(path)}.".startswith(where)
 
     by = [key for key, paths in touched.items() if any(map(writes, paths))]
-    if not by or fault.problem.startswith(CONTRADICTION):
+    if not by or fault.kind == "contradiction":
         return fault
     return replace(fault, place=Place("", 0, 0, max(by, key=lambda key: key.count("."))))
 

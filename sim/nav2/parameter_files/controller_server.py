@@ -53,7 +53,7 @@ def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
         ):  # whose trees name one
             refuses = True
             why = f"Nav2 refuses each path: of several {plugins.what}s the behavior tree must name one, and the default names none"
-            reader.warnings[path] = f"{len(set(names))} {plugins.what}s", f"{why}; missions abort"
+            reader.warnings[path] = f"there are {len(set(names))} {plugins.what}s", f"{why}, so that missions abort"
             reader.unused |= {(*node, each): why for each in names}
         elif name == "progress_checker" and not names:
             parts[name] = ProgressChecker(movement_time_allowance=NO_LIMIT)
@@ -95,7 +95,7 @@ def _controller(reader: Reader, used: Used) -> Parts:
             reader.only((*place, "ObstaclesCritic", "consider_footprint"), False)
             if given["CostCritic"].enabled:
                 problem = "CostCritic and ObstaclesCritic together are not modeled"
-                reader.fault((*place, "critics"), problem, "one of them")
+                reader.fault((*place, "critics"), problem, "keep one of them")
         given |= _motion_model(reader, place)
     elsewhere = {**_handled(reader, used.place[:-1], algorithm, given)}
     old, new = (*place, "desired_linear_vel"), (*place, "max_linear_vel")  # since Lyrical
@@ -138,7 +138,7 @@ def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:
         constraints, found = plugin[:-1], class_name(reader.plain(plugin, ""))
         given["motion_model"] = model = _MOTION_MODELS.get(found, "DiffDrive")
         if found not in _MOTION_MODELS:
-            reader.fault(plugin, f"no motion model {found!r} is known", f"known: {', '.join(_MOTION_MODELS)}")
+            reader.fault(plugin, f"unknown motion model {found!r}", f"expected one of {', '.join(_MOTION_MODELS)}")
         reader.asked[(*place, "motion_model")] = found
     given["AckermannConstraints"] = reader.group(AckermannParameters, constraints, kinds=["AckermannConstraints"])
     if model != "Ackermann":
@@ -176,9 +176,9 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
     if not critics:
         return {}
     loaded: dict[str, list[ParameterLocation]] = {}
-    listed, known = (*place, "critics"), f"known: {', '.join(critics)}"
+    listed, known = (*place, "critics"), f"expected one of {', '.join(critics)}"
     if algorithm == "DWB" and listed not in reader.document.values:
-        reader.fault(place, "no 'critics'", f"a list of them, without which DWB does not start: {', '.join(critics)}")
+        reader.fault(place, "'critics' is missing", f"DWB does not start without a list of them: {', '.join(critics)}")
     for k, name in enumerate(reader.names(listed)):
         class_path = (*place, name, "class")
         text = reader.plain(class_path, "") if class_path in reader.document.values else name
@@ -220,8 +220,8 @@ def _summed(
         each.model_copy(update={name: getattr(critics[0], name) for name in weights}) != critics[0] for each in critics
     ):
         names = " and ".join(dict.fromkeys(place[-1] for place in places))
-        reader.fault(listed, f"{names} are critics of one class", "one of them, or equal ones but for their weights")
-    what = f"{len(critics)} critics of the class of {places[0][-1]}"
+        reader.fault(listed, f"{names} are critics of one class", "keep one of them, or let only their weights differ")
+    what = f"there are {len(critics)} critics of the class of {places[0][-1]}"
     reader.warnings[listed] = what, "Nav2 counts each of them"
     return critics[0].model_copy(
         update={name: sum(w**power for w in own) ** (1 / power) for name, own in weights.items()}

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from vastflow.sim.model.digest import FileContent, Value
-from vastflow.sim.model.faults import ScenarioError, complaint
+from vastflow.sim.model.faults import Complaint, Got, ScenarioError, message_of
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.model.polygon import points_of, vertices_of
 from vastflow.sim.nav2.controllers.controller import Controller
@@ -35,10 +35,10 @@ def filtered_by(key: str, parameters: NavParameters) -> Sequence[str]:
     return [name for name in ("global_costmap", "local_costmap") if getattr(getattr(parameters, name), field).enabled]
 
 
-def missing_mask(key: str, costmaps: Sequence[str]) -> tuple[str, str]:
+def missing_mask(key: str, costmaps: Sequence[str]) -> Complaint:
     """Return the problem and the expected line where filters lack the mask of a key."""
     kind = key.removesuffix("_mask")
-    return f"the {kind} filter of the {costmaps[0]} has no mask", f"'{key}: {kind}.yaml', a map_server YAML file"
+    return f"the {kind} filter of the {costmaps[0]} has no mask", f"add '{key}: {kind}.yaml', a map_server YAML file"
 
 
 def is_info_server(document: ParameterDocument, node: ParameterLocation) -> bool:
@@ -53,7 +53,7 @@ def _filters(reader: Reader, filters: Sequence[Instance]) -> dict[str, Any]:
     for each in filters:
         field = _FIELDS[each.modeled.model]
         if field in places:
-            reader.fault(each.place, f"a second {each.kind} beside {places[field][-1]}", "one in a costmap")
+            reader.fault(each.place, f"duplicate {each.kind} beside {places[field][-1]}", "keep one in a costmap")
             continue
         places[field] = each.place
         enabled = (*each.place, "enabled")
@@ -95,16 +95,17 @@ def _info(reader: Reader, place: ParameterLocation, is_needed: bool) -> Paramete
     reader.kinds |= dict.fromkeys(found, "filter info")
     if len(found) > 1 and is_needed:
         names = " and ".join(node[-2] for node in found)
-        reader.fault((*place, TOPIC), f"{names} publish on {topic!r}", "one node, as in Nav2 the later message counts")
+        reader.fault((*place, TOPIC), f"{names} publish on {topic!r}", "keep one, as in Nav2 the later message counts")
     if found:
         return found[0]
     if not is_needed or filter_gap(document, place, ""):
         return ()
     if topic:
         right = f"{INFO_SERVER}: {{ros__parameters: {{{TOPIC}: {topic}, type: 1, base: 100.0, multiplier: -1.0}}}}"
-        reader.fault((*place, TOPIC), f"no node publishes on {topic!r}", f"a node that does, {right}")
+        reader.fault((*place, TOPIC), f"no node publishes on {topic!r}", f"add a node that does, {right}")
     else:
-        reader.fault(place, f"no {TOPIC!r}", f"{TOPIC}: {_DEFAULT_TOPIC}, and a node {INFO_SERVER} with the same")
+        right = f"add {TOPIC}: {_DEFAULT_TOPIC}, and a node {INFO_SERVER} with the same"
+        reader.fault(place, f"{TOPIC!r} is missing", right)
     return None
 
 
@@ -169,13 +170,12 @@ def check_speed_filter(reader: Reader, parts: Parts) -> None:
     filtered = [name for name in costmaps if name in parts and parts[name].speed_filter.enabled]
     places = [(*(reader.document.node(name, name) or ()), FILTERS.lists[0]) for name in filtered]
     if len(places) > 1:
-        what = "got a speed filter in both costmaps"
-        reader.fault(places[1], what, "one speed filter, as each undoes the other's limit")
+        reader.fault(places[1], "both costmaps have a speed filter", "keep one, as each undoes the other's limit")
     controller = parts.get("controller")
     unlimited = isinstance(controller, Controller) and type(controller).speed_limits is Controller.speed_limits
     if places and unlimited:
-        what = f"got a speed filter beside the controller {type(controller).__name__}, whose speed nothing limits"
-        reader.fault(places[0], what, "a controller with speed_limits(), or no speed filter")
+        what = f"the speed filter can't limit the controller {type(controller).__name__}"
+        reader.fault(places[0], what, "choose a controller with speed_limits(), or no speed filter")
 
 
 OF_THE_MAP: Final = ("publish_frequency", "width", "height", "resolution")
@@ -263,16 +263,16 @@ def _check_order(reader: Reader, layers: Sequence[Instance]) -> None:
         return
     for layer in layers[: layers.index(inflation)]:
         if layer.kind == "KeepoutFilter":
-            what = f"{layer.place[-1]} comes before the inflation: Nav2 inflates its mask, which is not modeled"
-            reader.fault((*layer.place, "plugin"), what, f"{layer.place[-1]!r} after {inflation.place[-1]!r}")
+            what = f"{layer.place[-1]!r} comes before the inflation, and Nav2 inflates its mask, which is not modeled"
+            reader.fault((*layer.place, "plugin"), what, f"put {layer.place[-1]!r} after {inflation.place[-1]!r}")
     for layer in layers[layers.index(inflation) + 1 :]:
         if _is_filter(layer):
             continue
-        what = f"{layer.place[-1]} comes after the inflation"
-        right = "a Denoise layer before it in the list 'plugins'"
+        what = f"{layer.place[-1]!r} comes after the inflation"
+        right = "put the Denoise layer before it in the list 'plugins'"
         if layer.kind != "DenoiseLayer":
-            what += ": Nav2 does not inflate what it marks, which is not modeled"
-            right = f"{layer.place[-1]!r} before {inflation.place[-1]!r} in the list 'plugins'"
+            what += ", and Nav2 does not inflate what it marks, which is not modeled"
+            right = f"put {layer.place[-1]!r} before {inflation.place[-1]!r} in the list 'plugins'"
         reader.fault((*layer.place, "plugin"), what, right)
 
 
@@ -373,7 +373,7 @@ def masks_of(system: Mapping[str, Value], parameters: NavParameters) -> Masks:
     for key in MASK_KEYS:
         costmaps, found = filtered_by(key, parameters), system.get(key)
         if costmaps and not isinstance(found, FileContent):
-            what, right = missing_mask(key, costmaps)
-            raise ScenarioError(f"{key}: {complaint(what if found is None else f'got {found!r}', right)}")
+            wrong = missing_mask(key, costmaps) if found is None else (Got(repr(found)), "a map_server YAML file")
+            raise ScenarioError(f"{key}: {message_of(*wrong)}")
         masks.append(found if costmaps and isinstance(found, FileContent) else None)
     return Masks(*masks)

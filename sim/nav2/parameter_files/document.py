@@ -19,7 +19,7 @@ from yaml.constructor import ConstructorError, SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.faults import Fault, FileError, Got, Place, Problem
 from vastflow.sim.model.files import MOST_LEVELS, TextPlace, Unreadable, place_of, read_text, yaml_node
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.plug_ins.snapshot import Snapshot
@@ -110,7 +110,7 @@ def read_document(path: str | Path) -> ParameterDocument:
     try:
         text = read_text(path, "a Nav2 parameter file")
     except Unreadable as error:
-        raise _error(str(path), error.place, error.what, error.right) from None
+        raise _error(str(path), error.place, error.problem, error.expected) from None
     return parse(text, str(path))
 
 
@@ -119,9 +119,9 @@ def parse(text: str, file: str = "") -> ParameterDocument:
     try:
         root = yaml_node(text)
     except Unreadable as error:
-        raise _error(file, error.place, error.what, error.right) from None
+        raise _error(file, error.place, error.problem, error.expected) from None
     if not isinstance(root, MappingNode):
-        found = "got an empty file" if root is None or root.value == "" else "got no mapping"
+        found = Got("an empty file") if root is None or root.value == "" else Got("no mapping")
         raise _error(file, place_of(root) if root else (1, 1), found)
     with suppress(yaml.YAMLError):  # what follows the first document
         events = (
@@ -129,19 +129,22 @@ def parse(text: str, file: str = "") -> ParameterDocument:
         )
         if second := next(islice(events, 1, None), None):
             raise _error(
-                file, place_of(second), "got a second YAML document", "one, as Nav2's launch files take no more"
+                file,
+                place_of(second),
+                Got("a second YAML document"),
+                "one document, as Nav2's launch files take no more",
             )
     walk = _Walk(file)
     walk.nodes(root, ())
     if walk.faults:
         raise FileError(walk.faults)
     if not any(PARAMETERS in path for path in walk.places):
-        raise _error(file, (1, 1), f"no {PARAMETERS} anywhere")
+        raise _error(file, (1, 1), f"the file has no {PARAMETERS}", f"expected {WHOLE_FILE}")
     return ParameterDocument(walk.values, walk.places, tuple(walk.repeated), file)
 
 
-def _error(file: str, place: TextPlace, problem: str, expected: str = WHOLE_FILE) -> FileError:
-    return FileError([Fault(Place(file, *place, "file"), problem, expected)])
+def _error(file: str, place: TextPlace, problem: Problem, expected: str = WHOLE_FILE) -> FileError:
+    return FileError([Fault(Place(file, *place), problem, expected)])
 
 
 def _unquoted(text: str) -> Value:
@@ -176,14 +179,14 @@ class _Walk:
             elif self._scalar(value, path) is None:
                 continue
             elif key.value == PARAMETERS:
-                self._fault(value, path, "got no mapping", "parameters, 'name: value'")
+                self._fault(value, path, Got("no mapping"), "parameters, 'name: value'")
             else:
-                self._fault(value, path, f"a value outside of {PARAMETERS}", f"parameters below '{PARAMETERS}:'")
+                self._fault(value, path, f"this is outside of {PARAMETERS}", f"put it below '{PARAMETERS}:'")
 
     def _below(self, above: ParameterLocation, names: Iterable[str], key: Node) -> ParameterLocation:
         path = (*above, *names)
         if len(path) > MOST_LEVELS:
-            raise _error(self._file, place_of(key), f"more than {MOST_LEVELS} levels deep", "fewer levels")
+            raise _error(self._file, place_of(key), f"more than {MOST_LEVELS} levels deep", "use fewer levels")
         return path
 
     def _group(self, mapping: MappingNode, above: ParameterLocation, merged: bool) -> None:
@@ -213,12 +216,12 @@ class _Walk:
             elif isinstance(key, ScalarNode) and key.value:
                 yield key, value, False
             else:
-                self._fault(key, above, "got a list, a mapping or nothing as a name", "a name")
+                self._fault(key, above, Got("a list, a mapping or nothing as a name"), "a name")
         for source in sources:
             if isinstance(source, MappingNode):
                 yield from ((name, item, True) for name, item, _ in self._items(source, above))
             else:
-                self._fault(source, above, "got no mapping to merge", "an alias of another mapping")
+                self._fault(source, above, Got("another value to merge"), "an alias of a mapping")
 
     def _value(self, node: Node, path: ParameterLocation) -> Value:
         if not isinstance(node, SequenceNode):
@@ -229,7 +232,7 @@ class _Walk:
             if isinstance(item, ScalarNode):
                 items.append(self._scalar(item, path))
             else:
-                self._fault(item, path, "got a list or a mapping in a list", "text, numbers or flags")
+                self._fault(item, path, Got("a list or a mapping in a list"), "text, numbers or flags")
         return items
 
     def _scalar(self, node: Node, path: ParameterLocation) -> Value:
@@ -250,9 +253,9 @@ class _Walk:
                     return value
             except (ConstructorError, ValueError, KeyError, IndexError, OverflowError):
                 pass
-        what = f"got {text[:60]!r}" if kind in ("bool", "int", "float") else f"got the tag {node.tag}"
+        what = Got(repr(text[:60])) if kind in ("bool", "int", "float") else Got(f"the tag {node.tag}")
         self._fault(node, path, what, "text, a number, or true or false")
         return None
 
-    def _fault(self, node: Node, path: ParameterLocation, problem: str, expected: str) -> None:
-        self.faults.append(Fault(Place(self._file, *place_of(node), dotted(path) or "file"), problem, expected))
+    def _fault(self, node: Node, path: ParameterLocation, problem: Problem, expected: str) -> None:
+        self.faults.append(Fault(Place(self._file, *place_of(node), dotted(path)), problem, expected))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vastflow.sim.model.digest import FileContent, Value
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.faults import Fault, FileError, Got, Place
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.model.polygon import area_of, vertices_of
@@ -75,12 +75,13 @@ def _refuse_releases_before_foxy(reader: Reader) -> None:
     document = reader.document
     for old, new in _NODES_BEFORE_FOXY.items():
         if (node := document.node(old)) and document.node(new) is None:
-            reader.fault(node[:-1], "got a node of Nav2 Dashing's", f"{new} with a list of plug-ins, as since Foxy")
+            right = f"write {new} with a list of plug-ins, as since Foxy"
+            reader.fault(node[:-1], "this node is of Nav2 Dashing", right)
     for path in document.values:
         new = _LISTS_BEFORE_FOXY.get(path[-1], "")
         if new and (*path[:-1], new) not in document.values:
-            right = f"'{new}', and 'plugin: package::Class' below each name, as since Foxy"
-            reader.fault(path, "got a list of Nav2 Eloquent's, which has the classes in another list", right)
+            right = f"write '{new}', and 'plugin: package::Class' below each name, as since Foxy"
+            reader.fault(path, "this list is of Nav2 Eloquent, which has the classes in another list", right)
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ def interpretation(
     if NAMESPACE in document.values:
         reader.plain(NAMESPACE, "")
     if reader.plain(RELEASE, RELEASES[0]) not in RELEASES:
-        reader.fault(RELEASE, f"got {shown(document.values[RELEASE])}", f"one of {', '.join(RELEASES)}")
+        reader.fault(RELEASE, Got(shown(document.values[RELEASE])), f"one of {', '.join(RELEASES)}")
     reader.unused |= dict.fromkeys(document.others, "it is another robot's")
     if document.others:
         names = ", ".join(dict.fromkeys(map(namespace_text, document.others.values())))
@@ -152,9 +153,9 @@ def interpretation(
         reader.kinds[node] = name
         parts |= _READ[name](reader, node) if name in _READ else {name: reader.group(modeled.model, node, kinds=[name])}
     if len(absent) + len(left_away) == len(NODES) and not reader.faults:
-        place = Place(document.file, *min(document.places.values(), default=(1, 1)), "file")
-        right = f"one that is, beside others: {', '.join(map('/'.join, NODES))}"
-        reader.faults.append(Fault(place, "none of its nodes is modeled", right))
+        place = Place(document.file, *min(document.places.values(), default=(1, 1)))
+        right = f"these are, beside others: {', '.join(map('/'.join, NODES))}"
+        reader.faults.append(Fault(place, "none of the file's nodes is modeled", right))
     parts |= _distances_of_the_inflation(reader, parts)
     _check_mppi(reader, parts)
     _check_turning_radius(reader, parts)
@@ -197,14 +198,14 @@ def _check_mppi(reader: Reader, parts: Parts) -> None:
     critic, rate_hz = controller.CostCritic, parts["controller_server"].controller_frequency
     if critic.enabled and critic.consider_footprint and not vertices_of(costmap.footprint):
         path = next(path for path in reader.asked if path[-1] == "consider_footprint")
-        what = "got true, and the local costmap has no polygon `footprint`"
+        what = Got("true, and the local costmap has no polygon `footprint`")
         reader.fault(path, what, "false, as Nav2 does not start")
     place = next(path for path in reader.asked if path[-1] == "model_dt")
     step_s: Any = reader.document.values.get(place, controller.model_dt)
     if 1.0 / rate_hz > step_s + 1e-6:
         path = next(path for path in reader.asked if path[-1] == "controller_frequency")
         least_hz = f"{1.0 / step_s:g} or more for a model_dt of {step_s:g} s"
-        reader.fault(path, f"got {rate_hz:g}", f"{least_hz}, as Nav2 does not start")
+        reader.fault(path, Got(f"{rate_hz:g}"), f"{least_hz}, as Nav2 does not start")
 
 
 def _check_turning_radius(reader: Reader, parts: Parts) -> None:
@@ -214,8 +215,8 @@ def _check_turning_radius(reader: Reader, parts: Parts) -> None:
         return
     modeled = isinstance(controller, MppiParameters) and controller.motion_model == "Ackermann"
     if not modeled and not isinstance(parts.get("planner"), SmacPlannerHybrid):
-        what = "got ackermann, and neither a motion model Ackermann nor a SmacPlannerHybrid says how tight it turns"
-        reader.fault((ROBOT_KEY, "drive"), what, "min_turning_radius beside it")
+        what = "neither a motion model Ackermann nor a SmacPlannerHybrid says how tight an ackermann drive turns"
+        reader.fault((ROBOT_KEY, "drive"), what, "add min_turning_radius")
 
 
 def noise_value(name: Value, base: Path) -> Value:
@@ -247,7 +248,7 @@ def noise_of(chosen: Value) -> type[ParameterGroup]:
                 raise PlugInError(f"{file.path} changed since the campaign was read", "run the campaign again")
             return NOISE_PLUG_INS.find(f"{path}:{name}", snapshot=snapshot)
     known = ", ".join(NOISE_PLUG_INS.known)
-    raise PlugInError(f"no lidar noise model {chosen!r} is known", f"known: {known}; {NOISE_PLUG_INS.own}")
+    raise PlugInError(f"unknown lidar noise model {chosen!r}", f"expected one of {known}, or {NOISE_PLUG_INS.own}")
 
 
 def _lidar_noise(reader: Reader) -> ParameterGroup:
@@ -257,7 +258,7 @@ def _lidar_noise(reader: Reader) -> ParameterGroup:
         own = reader.drawn and isinstance(chosen, Sequence) and not isinstance(chosen, str)
         kind = ParameterGroup if own else noise_of(chosen)
     except PlugInError as error:
-        reader.fault(place, error.what, error.right)
+        reader.fault(place, error.problem, error.expected)
         return GaussianDropoutParameters()
     reader.asked[place] = chosen
     return reader.own_group(kind, NOISE_PLACE, {place})
@@ -267,7 +268,7 @@ def _latency(reader: Reader) -> Latency:
     place = ROBOT_KEY, LATENCY_KEY
     preset = reader.plain((*place, PRESET_KEY), next(iter(PRESETS)))
     if preset not in PRESETS:
-        reader.fault((*place, PRESET_KEY), f"got {shown(preset)}", f"one of {', '.join(PRESETS)}")
+        reader.fault((*place, PRESET_KEY), Got(shown(preset)), f"one of {', '.join(PRESETS)}")
     return reader.group(Latency, place, left_out=PRESETS.get(preset, IDEAL))
 
 
@@ -332,7 +333,8 @@ def _read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, Colli
         action, shape = (*place, "action_type"), (*place, "type")
         is_of_footprint = (values.get(action), values.get(shape)) == ("approach", "polygon")
         if action not in values or shape not in values:
-            reader.fault((*node, "polygons", str(k)), f"no 'action_type' or 'type' below {name!r}", "both of them")
+            what = f"'action_type' or 'type' is missing below {name!r}"
+            reader.fault((*node, "polygons", str(k)), what, "a polygon needs both")
         elif round_footprint is None and is_of_footprint and not values.get((*place, "points")):
             round_footprint = place
             reader.asked |= {action: "approach", shape: "polygon"}
@@ -340,7 +342,7 @@ def _read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, Colli
         elif zone := _zone(reader, place):
             zones.append(zone)
     if len(zones) > MOST_ZONES:
-        reader.fault((*node, "polygons"), f"got {len(zones)} areas beside the footprint's", f"{MOST_ZONES} at most")
+        reader.fault((*node, "polygons"), Got(f"{len(zones)} areas beside the footprint's"), f"{MOST_ZONES} at most")
     given: dict[str, Any] = {"zones": tuple(zones) if scan and not reader.faults else ()}
     if round_footprint is None or scan is None:
         return {"collision_monitor": CollisionMonitor(enabled=False, **given)}
@@ -374,7 +376,7 @@ def _zone(reader: Reader, place: ParameterLocation) -> MonitorZone | None:
         reader.unused[place] = "it does nothing"
         return None
     if action not in _OF_ACTION:
-        reader.fault((*place, "action_type"), f"got {action!r}", f"one of {', '.join(_OF_ACTION)}, none")
+        reader.fault((*place, "action_type"), Got(repr(action)), f"one of {', '.join(_OF_ACTION)}, none")
         return None
     if shape not in ("polygon", "circle") or drawn not in reader.document.values:
         reader.unmodeled[place] = "only polygons with points and circles with a radius are modeled"
@@ -390,7 +392,7 @@ def _zone(reader: Reader, place: ParameterLocation) -> MonitorZone | None:
         try:
             given["vertices"] = area_of(str(points))
         except ValueError as error:
-            reader.fault(drawn, f"got {shown(reader.document.values[drawn])}", str(error))
+            reader.fault(drawn, Got(shown(reader.document.values[drawn])), str(error))
     zone = reader.group(MonitorZone, place, given=given | _least_points(reader, place), kinds=["polygon"])
     return zone if reader.plain((*place, "enabled"), True) else None
 
@@ -402,7 +404,7 @@ def _least_points(reader: Reader, place: ParameterLocation) -> dict[str, Any]:
     if most is None:
         return {}
     if not isinstance(most, int) or isinstance(most, bool) or most < 0:
-        reader.fault(path, f"got {shown(most)}", "a whole number, 0 or more")
+        reader.fault(path, Got(shown(most)), "a whole number, 0 or more")
         return {}
     reader.asked[path] = most
     return {"min_points": most + 1}

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple, TypeAlias, TypeGuard, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import Fault, Place
+from vastflow.sim.model.faults import Complaint, Fault, FaultKind, Got, Place, Problem
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaints, held, source_of
 from vastflow.sim.model.rates import held_hz
@@ -20,9 +20,6 @@ from vastflow.sim.plug_ins.registry import FILE, Registry
 
 RATES: Final = frozenset({"controller_frequency", "update_frequency", "publish_frequency"})
 """Parameters whose loops run in whole numbers of ticks."""
-
-CONTRADICTION: Final = "got parameters that contradict each other"
-"""Begins the problem of values that are right on their own, and only together are not."""
 
 Group = TypeVar("Group", bound=BaseModel)
 Plain = TypeVar("Plain", bool, str)
@@ -71,16 +68,18 @@ class Reader:
         self.unmodeled: dict[ParameterLocation, str] = {}
         self.unused: dict[ParameterLocation, str] = {}
         self.omitted: dict[ParameterLocation, tuple[Declared, Value]] = {}
-        self.warnings: dict[ParameterLocation, tuple[str, str]] = {}
+        self.warnings: dict[ParameterLocation, Complaint] = {}
         self.held: dict[ParameterLocation, float] = {}
         self.bounded: dict[ParameterLocation, float] = {}
         self.faults: list[Fault] = []
 
-    def fault(self, path: ParameterLocation, problem: str, expected: str) -> None:
-        if SUBSTITUTION in str(self.document.values.get(path)):
-            expected += "; write what the launch file puts there, or $(env NAME DEFAULT)"
+    def fault(self, path: ParameterLocation, problem: Problem, expected: str, kind: FaultKind = "error") -> None:
+        if SUBSTITUTION in str(value := self.document.values.get(path)):
+            kind_of_value = f", {expected}," if isinstance(problem, Got) else ""
+            problem = f"the launch file replaces {value!r}"
+            expected = f"write what it puts there{kind_of_value} or $(env NAME DEFAULT)"
         place = Place(self.document.file, *self.document.place(path), dotted(path))
-        self.faults.append(Fault(place, problem, expected))
+        self.faults.append(Fault(place, problem, expected, kind))
 
     def group(
         self,
@@ -118,7 +117,7 @@ class Reader:
                 usual = str(declared[source.name].default) if source.name in declared else next(iter(source.texts))
                 text = class_name(self.plain(path, usual))
                 if text not in source.texts:
-                    self.fault(path, f"got {shown(text)}", f"one of {', '.join(source.texts)}")
+                    self.fault(path, Got(shown(text)), f"one of {', '.join(source.texts)}")
                 values[name] = source.texts.get(text, source.texts[usual])
             else:
                 default: Any = getattr(left_out, name, field.default)
@@ -134,11 +133,11 @@ class Reader:
         except ValidationError as error:
             for name, right in complaints(model, error):
                 if name:
-                    self.fault(paths[name], f"got {shown(self.document.values.get(paths[name]))}", right)
+                    self.fault(paths[name], Got(shown(self.document.values.get(paths[name]))), right)
                 else:
                     named = re.findall(r"\w+", right)
                     path = next((path for name, path in paths.items() if name in named), ())
-                    self.fault(path, f"{CONTRADICTION}: {right}", "values that agree")
+                    self.fault(path, "the values contradict each other", right, "contradiction")
             return model.model_construct(**values)
         self.asked |= {path: getattr(group, name) for name, path in paths.items()}
         for name, path in paths.items():
@@ -173,17 +172,17 @@ class Reader:
         known, noun, document = ", ".join(plug_ins.known), plug_ins.noun, self.document
         name = plug_in_name(self.plain(path, default))
         if not name:
-            right = f"the class of a {noun}; known: {known}; {plug_ins.own}"
-            self.fault(listed, f"no {path[-1]!r} below {path[-2]!r}", right)
+            right = f"name the class of a {noun}: {known}, or {plug_ins.own}"
+            self.fault(listed, f"{path[-1]!r} is missing below {path[-2]!r}", right)
         elif name in foreign:
-            self.fault(path, f"{name} is not modeled", f"a {noun} that is: {known}; {plug_ins.own}")
+            self.fault(path, f"{name} is not modeled", f"these are: {known}, and {plug_ins.own}")
         elif self.drawn and FILE in name:
             return ParameterGroup
         else:
             try:
                 return plug_ins.parameters(name, Path(document.file).parent, document.plug_ins.get(name))
             except PlugInError as error:
-                self.fault(path, error.what, error.right)
+                self.fault(path, error.problem, error.expected)
         return None
 
     def own_group(
@@ -196,7 +195,7 @@ class Reader:
             name = path[len(place)]
             if name not in kind.model_fields and path not in others:
                 what = f"{kind.__name__} has no parameter {name!r}"
-                self.fault(path, what, did_you_mean(name, kind.model_fields, "none, for it has no parameters"))
+                self.fault(path, what, did_you_mean(name, kind.model_fields, "it has no parameters"))
         for name, field in kind.model_fields.items():
             if is_group(field.annotation):
                 self.own_group(field.annotation, (*place, name))
@@ -213,7 +212,7 @@ class Reader:
         """A flag or a text, as `default` is, that is no field of a group."""
         found = self.document.values.get(path, default)
         if not isinstance(found, type(default)):
-            self.fault(path, f"got {shown(found)}", "text" if isinstance(default, str) else "true or false")
+            self.fault(path, Got(shown(found)), "text" if isinstance(default, str) else "true or false")
             found = default
         self.asked[path] = found
         return found
@@ -225,7 +224,7 @@ class Reader:
         found = given.split() if isinstance(given, str) else given
         if isinstance(found, Sequence) and all(isinstance(name, str) for name in found):
             return list(map(str, found))
-        self.fault(path, f"got {shown(given)}", "a list of names")
+        self.fault(path, Got(shown(given)), "a list of names")
         return list(default)
 
     def only(self, path: ParameterLocation, modeled: Value) -> None:
@@ -233,7 +232,7 @@ class Reader:
         found = self.document.values.get(path, modeled)
         self.asked[path] = found
         if found != modeled:
-            self.fault(path, f"got {shown(found)}, which is not modeled", shown(modeled))
+            self.fault(path, Got(f"{shown(found)}, which is not modeled"), shown(modeled))
 
     def plugins(self, prefix: ParameterLocation, plugins: Plugins) -> list[Instance]:
         """The plug-ins in a list parameter below `prefix`; unknown classes are faults."""
@@ -258,14 +257,14 @@ class Reader:
         """The plug-in of a list that the default behavior trees use; an empty list is a fault, and gives None."""
         path, names = self.listed(prefix, plugins)
         if not names:
-            self.fault(path, "got an empty list", f"the name of a {plugins.what}")
+            self.fault(path, Got("an empty list"), f"the name of a {plugins.what}")
             return None
         used = plugins.used if plugins.used in names else names[0]
         for name in names:
             if name != used:
                 self.unused[(*prefix, name)] = f"the default behavior trees use {used}"
         if plugins.is_asked_for and used != plugins.used:
-            why = f"the default behavior trees ask for {plugins.used}, which Nav2 would not find; {used} is used"
+            why = f"the default behavior trees ask for {plugins.used}, which Nav2 would not find, so {used} is used"
             self.unmodeled[path] = why
         return Used((*prefix, used), (*path, str(names.index(used))), plugins, names)
 
@@ -283,12 +282,12 @@ class Reader:
             return Instance(place, self.kinds[place], modeled)
         known = ", ".join(plugins.modeled)
         if not found:
-            right = f"the class of a {plugins.what}; known: {known}"
-            self.fault(used.listed, f"no 'plugin' below {place[-1]!r}", right)
+            right = f"name the class of a {plugins.what}: {known}"
+            self.fault(used.listed, f"'plugin' is missing below {place[-1]!r}", right)
         elif found in plugins.foreign:
-            self.fault(path, f"{found} is not modeled", f"a {plugins.what} that is: {known}")
+            self.fault(path, f"{found} is not modeled", f"these are: {known}")
         else:
-            self.fault(path, f"no {plugins.what} {found!r} is known", f"known: {known}")
+            self.fault(path, f"unknown {plugins.what} {found!r}", f"expected one of {known}")
         return None
 
 

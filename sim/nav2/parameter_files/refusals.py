@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import Fault, Place
+from vastflow.sim.model.faults import Fault, Got, Place, Problem
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files.costmaps import LAUNCH_WORDS
 from vastflow.sim.nav2.parameter_files.declared import declared_defaults
@@ -27,7 +27,7 @@ def refusals(found: Interpretation) -> Iterator[Fault]:
     """Yield what a file has and no node of Nav2 starts with, though it can be read."""
     reader, document = found.reader, found.document
 
-    def fault(path: ParameterLocation, problem: str, expected: str) -> Fault:
+    def fault(path: ParameterLocation, problem: Problem, expected: str) -> Fault:
         return Fault(Place(document.file, *document.place(path), dotted(path)), problem, expected)
 
     for path, value in document.values.items():
@@ -37,12 +37,12 @@ def refusals(found: Interpretation) -> Iterator[Fault]:
         name = ".".join(path[len(group or ()) :])
         is_known = name in declared and value not in (*LAUNCH_WORDS,)
         if right := _unread(value, "".join(node_of(path)[-2:-1]) if PARAMETERS in path else ""):
-            yield fault(path, f"got {shown(value)}", right)
+            yield fault(path, Got(shown(value)), right)
         elif is_known and (right := _right_type(value, declared[name].default)):
-            yield fault(path, f"got {shown(value)}", f"{right}, as the node ends otherwise")
+            yield fault(path, Got(shown(value)), f"{right}, as the node ends otherwise")
         kinds = _OF_SOURCES.get((reader.kinds.get(path[:-2], ""), path[-1]), (value,))
         if value not in kinds and path[-2] in reader.names((*path[:-2], "observation_sources")):
-            yield fault(path, f"got {shown(value)}", f"one of {', '.join(map(str, kinds))}, as the node ends otherwise")
+            yield fault(path, Got(shown(value)), f"one of {', '.join(map(str, kinds))}, as the node ends otherwise")
     node = document.node("controller_server")
     if node and "controller" in found.replaced:
         for path in document.below(node):
@@ -53,9 +53,7 @@ def refusals(found: Interpretation) -> Iterator[Fault]:
                 ROTATION_SHIM,
             )
             if path[-1] == "plugin" and is_one:
-                right = (
-                    f"controller_plugins: [{plugin[-1]}], as Nav2 does not start without critics for its default, DWB"
-                )
+                right = f"add 'controller_plugins: [{plugin[-1]}]', as Nav2 does not start without critics for its default, DWB"
                 yield fault(plugin, "no controller_plugins names it", right)
 
 

@@ -36,8 +36,8 @@ def of_robot(document: ParameterDocument, namespace: Value = None) -> ParameterD
     if namespace is not None:
         chosen = tuple(filter(None, str(namespace).split("/")))
     if robots and chosen not in robots:
-        what = f"got {namespace!r}, and the Nav2 parameters have no node in it"
-        right = f"one of {', '.join(map(namespace_text, robots))}"
+        what = f"the Nav2 parameters have no node in {namespace!r}"
+        right = f"expected one of {', '.join(map(namespace_text, robots))}"
         raise FileError([Fault(Place("", 0, 0, NAMESPACE_KEY), what, right)])
     if len(robots) < 2:
         return document

@@ -89,7 +89,7 @@ def check_determinism(planner: Planner) -> None:
     given, other = ERRANDS[1].given(), ERRANDS[0].given()
     alone, one = _path(_started(planner, given), given), _started(planner, given)
     _path(_started(planner, other), other)
-    right = "must give the same path again; it keeps something outside of its memory"
+    right = "must give the same path again. It keeps something outside of its memory."
     _must(alone == _path(one, ERRANDS[1].given()), planner, right)
 
 

@@ -16,7 +16,7 @@ ESCAPED: Final = re.compile(r"\\([\\'\"])")
 
 REFUSED: Final[Mapping[str, str]] = {
     "cover": "an oracle, which sees every run",
-    "record": "an oracle, which sees every run; runs are recorded in any case",
+    "record": "an oracle, as runs are recorded in any case",
     "remove_default": "'keep(it.member == value)'",
 }
 """Actions and modifiers that vastflow does not have, and what to write in their place."""
@@ -25,14 +25,14 @@ REFUSED_FUNCTIONS: Final[Mapping[str, str]] = {
     "every": "'repeat()' round a serial that begins with 'wait elapsed(…)'",
     "rise": "a serial of 'wait not (…)' and 'wait …'",
     "fall": "a serial of 'wait …' and 'wait not (…)'",
-    "range": "a value; ranges are for the campaign file to draw from",
+    "range": "a value, as ranges are for the campaign file to draw from",
     "sample": "a 'var', which holds what was measured last",
 }
 
 
 def _call(path: syntax.Path, arguments: Any, refused: Mapping[str, str] = REFUSED) -> syntax.Call | syntax.Refused:
     if (name := str(path)) in refused:
-        return syntax.Refused(name, refused[name], path.place)
+        return syntax.Refused(repr(name), refused[name], path.place)
     return syntax.Call(path, arguments or (), path.place)
 
 
@@ -47,7 +47,7 @@ def _composition(
     label: syntax.Word | None, kind: syntax.Word, arguments: Any, *members: Any
 ) -> syntax.Composition | syntax.Refused:
     if arguments is not None:
-        return syntax.Refused(f"{kind.text} with arguments", f"'{kind.text}:' alone", kind.place)
+        return syntax.Refused(f"{kind.text!r} with arguments", f"'{kind.text}:' alone", kind.place)
     *parts, with_ = members
     return syntax.Composition(label, kind.text, tuple(parts), with_ or (), kind.place)  # type: ignore[arg-type]
 
@@ -56,7 +56,7 @@ def _emit(
     label: syntax.Word | None, keyword: syntax.Word, event: syntax.Word, arguments: Any, with_: syntax.With = ()
 ) -> syntax.Emit | syntax.Refused:
     if arguments is not None:
-        return syntax.Refused("emit with arguments", "the event alone", event.place)
+        return syntax.Refused("'emit' with arguments", "the event alone", event.place)
     return syntax.Emit(label, event, with_, keyword.place)
 
 
@@ -96,14 +96,14 @@ RULES: Final[Mapping[str, Callable[..., Any]]] = {
     "si_item": lambda name, minus, number: (name, -number.value if minus else number.value),
     "enum": lambda name, *members: syntax.EnumType(name, members),
     "enum_member": lambda name, number: (name, number and number.value),
-    "extend": _refused("extend", "the members where the type is declared, or 'inherits'"),
+    "extend": _refused("'extend'", "the members where the type is declared, or 'inherits'"),
     "compound": lambda kind, name, base, *members: syntax.Compound(kind.text, name, base, members),
     "field": lambda names, type_, default, with_=(): syntax.Field(names, type_, default, with_, False),
     "variable": lambda names, type_, default, with_=(): syntax.Field(names, type_, default, with_, True),
     "names": _all,
     "type_": lambda is_list, name: syntax.Type(name, is_list is not None),
     "event": lambda _, name: syntax.Event(name),
-    "event_is": _refused("event … is", "the event alone, and 'emit' where it happens"),
+    "event_is": _refused("'event … is'", "the event alone, and 'emit' where it happens"),
     "method": lambda name, parameters, returns, _: syntax.Method(name, parameters or (), returns),
     "parameters": _all,
     "keep": lambda keyword, condition: syntax.Keep(condition, keyword.place),
@@ -115,8 +115,8 @@ RULES: Final[Mapping[str, Callable[..., Any]]] = {
     "wait": lambda label, keyword, awaited, with_=(): syntax.Wait(label, awaited, with_, keyword.place),
     "emit": _emit,
     "label": lambda name: name,
-    "on": _refused("on", "a serial of 'wait @event' and what is to be done, beside the others in a parallel"),
-    "call": _refused("call", "an action, or the function in an argument"),
+    "on": _refused("'on'", "a serial of 'wait @event' and what is to be done, beside the others in a parallel"),
+    "call": _refused("'call'", "an action, or the function in an argument"),
     "condition": lambda condition: syntax.Awaited(None, condition, condition.place),
     "happened": lambda path, condition: syntax.Awaited(path, condition, path.place),
     "stand_in": lambda line: syntax.Refused(repr(line.text), "nothing in its place", line.place),
@@ -125,7 +125,7 @@ RULES: Final[Mapping[str, Callable[..., Any]]] = {
     "until": lambda keyword, awaited: syntax.Until(awaited, keyword.place),
     "arguments": _all,
     "argument": lambda *parts: syntax.Argument(parts[0] if len(parts) == 2 else None, parts[-1]),
-    "ternary": _refused("? :", "one value; two scenarios where it has to be either"),
+    "ternary": _refused("'? :'", "one value, or two scenarios"),
     "binary": lambda left, operator, right: syntax.Operation(operator.text, (left, right), operator.place),
     "unary": _unary,
     "number": lambda constant: constant,
@@ -136,7 +136,7 @@ RULES: Final[Mapping[str, Callable[..., Any]]] = {
     "path": lambda *words: syntax.Path(words, words[0].place),
     "construction": partial(_call, refused=REFUSED_FUNCTIONS),
     "list_": lambda bracket, *items: syntax.ListOf(tuple(item for item in items if item is not None), bracket.place),
-    "range_": _refused("a range", "a value; ranges are for the campaign file to draw from"),
+    "range_": _refused("a range", "a value, as ranges are for the campaign file to draw from"),
     "index": _refused("an index", "a parameter for each value that is used alone"),
 }
 """Rule of the grammar to what it makes of its children."""

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final, TypeGuard
 
-from vastflow.sim.model.faults import Fault, Place
+from vastflow.sim.model.faults import Fault, Got, Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import (
     Actor,
@@ -81,7 +81,7 @@ class _Scenario(MemberChecker):
                 self._misplaced(member)
         root = self._wrapped(root, members)
         if root is not None and (deep := _too_deep(root)) is not None:
-            self.fault(deep, f"got more than {MOST_LEVELS} compositions and modifiers in one another", "fewer")
+            self.fault(deep, Got(f"more than {MOST_LEVELS} compositions and modifiers in one another"), "fewer")
             return None
         actors = [self._actor(name, field) for name, field in self._instances.items()]
         if root is None or None in actors:
@@ -109,9 +109,9 @@ class _Scenario(MemberChecker):
 
     def _misplaced(self, text: syntax.Act) -> None:
         path = str(text.call.path)
-        known = did_you_mean(path, self.declared.modifiers, "'import osc.helpers', which declares the modifiers")
-        right = "'do' before it" if "." in path or path in self.declared.actions else known
-        self.fault(text.call.place, f"got {path}(…) in the body of a scenario", right)
+        known = did_you_mean(path, self.declared.modifiers, "write 'import osc.helpers', which has modifiers")
+        right = "write 'do' before it" if "." in path or path in self.declared.actions else known
+        self.fault(text.call.place, f"unexpected {path}(…) in the body of a scenario", right)
 
     def _chain(self, text: syntax.Compound) -> list[syntax.Compound]:
         chain = [text]
@@ -123,7 +123,7 @@ class _Scenario(MemberChecker):
                 self.fault(chain[0].base.place, f"unknown scenario {name!r}", right)
                 break
             if any(base is one for one in chain):
-                self.fault(chain[0].base.place, f"scenario {name!r} inherits from itself", "another one")
+                self.fault(chain[0].base.place, f"scenario {name!r} inherits from itself", "inherit from another one")
                 break
             chain.insert(0, base)
         return chain
@@ -134,7 +134,7 @@ class _Scenario(MemberChecker):
                 self._field(member)
             case syntax.Event(name):
                 if name.text in self._fields or name.text in self._events or name.text in ENDING:
-                    self.fault(name.place, f"'{name}' is declared already", "another name")
+                    self.fault(name.place, f"'{name}' is declared already", "choose another name")
                 elif self.allowed(name):
                     self._events.append(name.text)
             case syntax.Keep():
@@ -149,7 +149,7 @@ class _Scenario(MemberChecker):
         self._faulty |= {name.text for name in text.names} - {member.name for member in members}
         for member in members:
             if member.name in self._own or member.name in self._events:
-                self.fault(member.place, f"{member.name!r} is declared already", "another name")
+                self.fault(member.place, f"{member.name!r} is declared already", "choose another name")
                 continue
             self._own.add(member.name)
             above = self._fields.get(member.name)
@@ -158,7 +158,7 @@ class _Scenario(MemberChecker):
             if member.type.kind == "actor":
                 if member.type.is_list or member.is_variable:
                     what = "a list of actors" if member.type.is_list else "a variable of an actor"
-                    self.fault(member.place, f"got {what}", "'name: actor' for each instance")
+                    self.fault(member.place, Got(what), "'name: actor' for each instance")
                 self._instances[member.name] = text
             self._fields[member.name] = member
 
@@ -184,18 +184,18 @@ class _Scenario(MemberChecker):
                 ahead = {further for each in ahead for further in needed.get(each, ())}
             if name in reached and name not in told:
                 told |= reached
-                self.fault(member.place, f"the value of {name!r} needs {name!r} itself", "a value")
+                self.fault(member.place, f"the value of {name!r} needs {name!r} itself", "give it another value")
 
     def _done(self, chain: Sequence[syntax.Compound]) -> syntax.Do | None:
         """Return the scenario's own `do`, or that of its nearest base."""
         for part in reversed(chain):
             found = [member for member in part.members if isinstance(member, syntax.Do)]
             for other in found[1:]:
-                self.fault(other.place, "got a second 'do'", "one 'do' with a serial or parallel")
+                self.fault(other.place, Got("a second 'do'"), "one 'do' with a serial or parallel")
             if found:
                 return found[0]
         name = chain[-1].name
-        self.fault(name.place, f"scenario {name} does nothing", "'do' and an action")
+        self.fault(name.place, f"scenario {name} does nothing", "add 'do' and an action")
         return None
 
     def _actor(self, name: str, text: syntax.Field) -> Actor | None:
@@ -203,12 +203,12 @@ class _Scenario(MemberChecker):
         declared = self.declared.actors[type_.name]
         members: Mapping[str, Field] = declared.members
         if text.default is not None:
-            self.fault(place, "got a value for an actor", "'keep' below it")
+            self.fault(place, Got("a value for an actor"), "'keep' below it")
         for item in text.keeps:
             members = self.keep(item, members)
         values, missing = self.declared.filled(_changed(members, declared.members), declared.members, place)
         if without := next((member.name for member in missing if not member.is_variable), ""):
-            right = f"'with:' and below it 'keep(it.{without} == …)'"
+            right = f"add 'with:', and below it 'keep(it.{without} == …)'"
             self.fault(place, f"{name!r} has no value for {without!r}", right)
             return None
         return Actor(name, (type_.name, *declared.bases), values, self.declared.variables_of(type_), place)
@@ -222,7 +222,7 @@ class _Scenario(MemberChecker):
             self.refuse(text)
         for item in text.modifiers:
             if isinstance(item, syntax.Keep) and not isinstance(text, syntax.Act):
-                self.fault(item.place, "got 'keep' where nothing has members", "'keep' below an action")
+                self.fault(item.place, Got("'keep' where nothing has members"), "'keep' below an action")
         child = self.attempt(self._bare, text)
         child = self._wrapped(child, text.members if isinstance(text, syntax.Composition) else ())
         if [self.attempt(self.refuse, item) for item in text.modifiers if isinstance(item, syntax.Refused)]:
@@ -241,7 +241,7 @@ class _Scenario(MemberChecker):
             case syntax.Composition():
                 members = [member for member in text.members if not self._is_modifier(member)]
                 if not members:
-                    self.fail(text.place, f"got an empty {text.kind}", "one action or more in it")
+                    self.fail(text.place, Got(f"an empty {text.kind}"), "one action or more in it")
                 return Composition(text.kind, tuple(self.each(self._behavior, members)), label, text.place)
             case syntax.Act():
                 return self._act(text, label)
@@ -260,7 +260,7 @@ class _Scenario(MemberChecker):
         calls = []
         for text in (member for member in members if self._is_modifier(member)):
             if text.modifiers:
-                self.fault(text.call.place, "got a modifier of a modifier", "one after the other")
+                self.fault(text.call.place, Got("a modifier of a modifier"), "one after the other")
             calls.append(text.call)
         return self._applied(child, calls)
 
@@ -274,10 +274,10 @@ class _Scenario(MemberChecker):
     def _modifier_arguments(self, call: syntax.Call, name: str) -> Mapping[str, Expression]:
         modifier = self.declared.modifiers.get(name)
         if modifier is None:
-            hint = did_you_mean(name, self.declared.modifiers, "'import osc.helpers', which declares the modifiers")
+            hint = did_you_mean(name, self.declared.modifiers, "write 'import osc.helpers', which has modifiers")
             self.fail(call.place, f"unknown modifier {name!r}", hint)
         if name not in MODIFIERS:
-            self.fault(call.place, f"modifier {name!r} can't be executed", "a modifier of osc.helpers")
+            self.fault(call.place, f"modifier {name!r} can't be executed", "use a modifier of osc.helpers")
         return self._arguments(call, modifier, name)
 
     def _arguments(
@@ -308,7 +308,7 @@ class _Scenario(MemberChecker):
             self.fail(name.place, f"unknown action '{name}'", self._right_action(name.text))
         if len(known) > 1:
             origins = " and ".join(action.origin for action in known)
-            right = "one import of them, or an action of another name"
+            right = "keep one of the imports, or rename the action"
             self.fail(name.place, f"'{name}' is declared by {origins}", right)
         return known[0]
 
@@ -318,10 +318,10 @@ class _Scenario(MemberChecker):
             instances = (key for key, type_ in self.names.types.items() if self.declared.is_a(type_, actor))
             return f"it is an action of {actor}: {next(instances, 'instance')}.{name}(…)"
         if libraries := declaring(name):
-            return f"'import {libraries[0]}', which declares it"
+            return f"write 'import {libraries[0]}', which declares it"
         if name in self.declared.scenarios:
-            return "an action; a scenario can be inherited from and not be called"
-        return did_you_mean(name, [action for action in self.declared.actions if "." not in action], "an import")
+            return "write an action, as a scenario can be inherited from and not be called"
+        return did_you_mean(name, [action for action in self.declared.actions if "." not in action], "add an import")
 
     def _action_of(self, words: Sequence[syntax.Word]) -> Compound:
         instance, name = words[0], words[-1]
@@ -330,7 +330,7 @@ class _Scenario(MemberChecker):
             raise Faulty
         if len(words) > 2 or type_ is None or type_.kind != "actor":
             actors = [key for key, of in self.names.types.items() if of.kind == "actor"]
-            hint = did_you_mean(instance.text, actors, "an instance, declared as 'name: actor' in the scenario")
+            hint = did_you_mean(instance.text, actors, "declare an instance as 'name: actor' in the scenario")
             self.fail(instance.place, f"unknown actor instance '{instance}'", hint)
         chain = (type_.name, *self.declared.actors[type_.name].bases)
         for actor in chain:
@@ -338,12 +338,12 @@ class _Scenario(MemberChecker):
                 return known[0]
         own = [action.partition(".")[2] for action in self.declared.actions if action.partition(".")[0] in chain]
         libraries = [library for actor in chain for library in declaring(f"{actor}.{name}")]
-        hint = f"'import {libraries[0]}', which declares it" if libraries else did_you_mean(name.text, own)
-        self.fail(name.place, f"{type_.name} has no action '{name}'", hint)
+        hint = f"write 'import {libraries[0]}', which declares it" if libraries else did_you_mean(name.text, own)
+        self.fail(name.place, f"'{name}' is not an action of {type_.name}", hint)
 
     def _check_event(self, name: syntax.Word, known: Sequence[str]) -> None:
         if name.text not in known:
-            right = did_you_mean(name.text, known, f"'event {name}' in the scenario")
+            right = did_you_mean(name.text, known, f"declare 'event {name}' in the scenario")
             self.fail(name.place, f"unknown event '{name}'", right)
 
     def _awaited(self, text: syntax.Awaited) -> Awaited:
@@ -352,7 +352,7 @@ class _Scenario(MemberChecker):
             return self._elapsed(condition)
         if event is not None:
             if len(event.words) > 1:
-                self.fail(event.place, f"got event {event}", "an event of the scenario")
+                self.fail(event.place, Got(f"event {event}"), "an event of the scenario")
             self._check_event(event.words[0], self._events)
         held = None if condition is None else self.assigned(condition, BOOL, "a condition")
         if event is not None:
@@ -362,7 +362,7 @@ class _Scenario(MemberChecker):
 
     def _elapsed(self, call: syntax.Call) -> Awaited:
         if len(call.arguments) != 1 or call.arguments[0].name is not None:
-            self.fail(call.place, "got elapsed without one duration", "elapsed(3s)")
+            self.fail(call.place, Got("elapsed without one duration"), "elapsed(3s)")
         text = call.arguments[0].value
         take = self.given if isinstance(text, syntax.Call) else self.assigned
         return Elapsed(take(text, Type("time", "physical"), "a duration"), call.place)

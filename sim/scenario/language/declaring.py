@@ -6,7 +6,7 @@ from importlib.resources import files
 from threading import RLock
 from typing import Final
 
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.faults import Fault, FileError, Got, Place
 from vastflow.sim.model.names import did_you_mean, nearest
 from vastflow.sim.scenario.definition import Field
 from vastflow.sim.scenario.language import syntax
@@ -93,11 +93,11 @@ class _Declarer(MemberChecker):
     def _is_new(self, kind: str, name: syntax.Path | syntax.Word, known: Collection[str]) -> bool:
         place = self._places.setdefault((kind, str(name)), name.place)
         if kind == "type" and str(name).startswith("listof"):
-            self.fault(name.place, f"got type '{name}', which begins with 'listof'", "another name")
+            self.fault(name.place, Got(f"type '{name}', which begins with 'listof'"), "another name")
             return False
         if place is not name.place or str(name) in known:
             where = f" at {place}" if place is not name.place else ""
-            self.fault(name.place, f"'{name}' is declared already{where}", "another name")
+            self.fault(name.place, f"'{name}' is declared already{where}", "choose another name")
             return False
         return True
 
@@ -118,9 +118,9 @@ class _Declarer(MemberChecker):
         number = 0
         for name, given in text.members:
             if isinstance(given, float):
-                self.fault(name.place, f"got {given} for '{name}'", "a whole number")
+                self.fault(name.place, Got(f"{given} for '{name}'"), "a whole number")
             elif name.text in members:
-                self.fault(name.place, f"'{name}' is declared already", "another name")
+                self.fault(name.place, f"'{name}' is declared already", "choose another name")
             else:
                 members[name.text] = number = number if given is None else given
                 number += 1
@@ -140,7 +140,7 @@ class _Declarer(MemberChecker):
     def _one_word(self, text: syntax.Compound) -> bool:
         if len(text.name.words) > 1:
             right = "an action where it is an actor's" if text.kind == "modifier" else "one name"
-            self.fault(text.name.place, f"got {text.kind} {text.name}, with an actor", right)
+            self.fault(text.name.place, Got(f"{text.kind} {text.name}, with an actor"), right)
             return False
         return self.allowed(text.name.words[0])
 
@@ -149,7 +149,7 @@ class _Declarer(MemberChecker):
         if not self._is_new("action", text.name, ()):
             return
         if len(below) > 1:
-            self.fault(text.name.place, f"got action {name}", "an actor and a name at most")
+            self.fault(text.name.place, Got(f"action {name}"), "an actor and a name at most")
         elif below and actor.text not in self.declared.actors:
             self.fault(actor.place, f"unknown actor '{actor}'", did_you_mean(actor.text, self.declared.actors))
         else:
@@ -171,7 +171,7 @@ class _Declarer(MemberChecker):
                 case syntax.Field():
                     for member in self.fields(part):
                         if member.name in own:
-                            self.fault(member.place, f"{member.name!r} is declared already", "another name")
+                            self.fault(member.place, f"{member.name!r} is declared already", "choose another name")
                         inherited = members.get(member.name)
                         members[member.name] = self.overriding(member, inherited) if inherited else member
                         own.add(member.name)
@@ -187,10 +187,10 @@ class _Declarer(MemberChecker):
                 case syntax.Refused():
                     self.attempt(self.refuse, part)
                 case syntax.Do():
-                    self.fault(part.place, f"got 'do' in {which}", "'do' in a scenario")
+                    self.fault(part.place, Got(f"'do' in {which}"), "'do' in a scenario")
                 case syntax.Act():
                     right = "a modifier in a scenario or a composition"
-                    self.fault(part.call.place, f"got a modifier of {which}", right)
+                    self.fault(part.call.place, Got(f"a modifier of {which}"), right)
         bases = (base.name, *base.bases) if base else ()
         return Compound(text.kind, str(text.name), bases, members, functions, self._origin, text.name.place)
 
@@ -244,7 +244,7 @@ def home_of(type_name: str) -> str | None:
 def right_type(name: str, known: Collection[str]) -> str:
     """Suggest the library that declares a type, the nearest type name, or all known types."""
     if home := home_of(name):
-        return f"'import {home}', which declares it"
+        return f"write 'import {home}', which declares it"
     if nearest(name, known) is None:
         elsewhere = {type_name for library_name in library_names() for type_name in library(library_name).type_names}
         if near := nearest(name, elsewhere):

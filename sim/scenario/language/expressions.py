@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, NoReturn, ParamSpec, TypeAlias, TypeVar, cast
 
-from vastflow.sim.model.faults import Fault, Place
+from vastflow.sim.model.faults import Fault, Got, Place, Problem
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import (
     Constant,
@@ -82,18 +82,18 @@ class ExpressionChecker:
         self.of_library: Final = of_library
         self.names = NO_NAMES
 
-    def fault(self, place: Place, problem: str, expected: str) -> None:
+    def fault(self, place: Place, problem: Problem, expected: str) -> None:
         """Report a fault."""
         self.faults.append(Fault(place, problem, expected))
 
-    def fail(self, place: Place, problem: str, expected: str) -> NoReturn:
+    def fail(self, place: Place, problem: Problem, expected: str) -> NoReturn:
         """Report a fault and give up the value that has it."""
         self.fault(place, problem, expected)
         raise Faulty
 
     def refuse(self, text: syntax.Refused) -> NoReturn:
         """Fail because vastflow does not have a construct."""
-        self.fail(text.place, f"got {text.construct}, which vastflow does not have", text.right)
+        self.fail(text.place, f"{text.construct} is not supported", f"use {text.right}")
 
     def each(self, check: Callable[[T], S], parts: Iterable[T]) -> list[S]:
         """Check all parts, report their faults, and fail if any has one."""
@@ -168,18 +168,19 @@ class ExpressionChecker:
             if argument.name is not None:
                 named, name, place = True, argument.name.text, argument.name.place
                 if name not in parameters:
-                    self.fault(place, f"{whose} has no parameter {name!r}", did_you_mean(name, order, "no arguments"))
+                    right = did_you_mean(name, order, "it takes no arguments")
+                    self.fault(place, f"{name!r} is not a parameter of {whose}", right)
                     given[name] = None
                     continue
             elif named:
-                self.fail(argument.value.place, "got a value after a named one", "values by position first")
+                self.fail(argument.value.place, Got("a value after a named one"), "values by position first")
             elif position >= len(order):
                 count = f"{len(order)} at most" if order else "no arguments"
-                self.fail(argument.value.place, f"got one argument more than {whose} takes", count)
+                self.fail(argument.value.place, Got(f"one argument more than {whose} takes"), count)
             else:
                 name, place = order[position], argument.value.place
             if name in given:
-                self.fault(place, f"{name!r} of {whose} is given twice", "one value")
+                self.fault(place, f"duplicate {name!r} of {whose}", "keep one value")
             given[name] = self.attempt(self.given, argument.value, parameters[name].type, f"{name!r} of {whose}")
         if None in given.values():
             raise Faulty
@@ -192,7 +193,7 @@ class ExpressionChecker:
         values, missing = self.declared.filled(given, parameters, place)
         if missing:
             words = _listed([f"{member.name}: {member.type}" for member in missing])
-            self.fail(place, f"{whose} is called without {words}", "a value for each parameter without a default")
+            self.fail(place, f"the call of {whose} lacks {words}", "parameters without a default need a value")
         return values
 
     def _fitted(self, text: syntax.Expression, typed: Typed, wanted: Type, whose: str) -> Expression:
@@ -202,11 +203,11 @@ class ExpressionChecker:
         has_text = not found.is_list and (found.kind == "physical" or found == BOOL or is_number(found))
         if wanted == STRING and isinstance(value, Name) and has_text:
             return Operation("+", (Constant("", text.place), value), text.place)
-        self.fail(text.place, f"got {_shown(text, found)} for {whose}, {_a(wanted)}", self._such_as(wanted, text))
+        self.fail(text.place, Got(f"{_shown(text, found)} for {whose}, {_a(wanted)}"), self._such_as(wanted, text))
 
     def _refuse_empty(self, text: syntax.ListOf) -> None:
         if not text.items and not self.of_library:
-            self.fault(text.place, "got an empty list, which the language does not have", "one item or more")
+            self.fault(text.place, Got("an empty list, which the language does not have"), "one item or more")
 
     def _fits(self, value: Expression, found: Type, wanted: Type) -> bool:
         if found.is_list or wanted.is_list or {found.name, wanted.name} != {"int", "uint"}:
@@ -219,18 +220,18 @@ class ExpressionChecker:
             return Constant(name, text.place)
         if name in self.names.faulty:
             raise Faulty
-        right = did_you_mean(str(text), self.names.variables, "'var' with its name and type, declared in the scenario")
-        self.fail(text.place, f"got {name or 'a value'} for {whose}, the name of a variable", right)
+        right = did_you_mean(str(text), self.names.variables, "declare 'var' with its name and type in the scenario")
+        self.fail(text.place, f"{whose} must name a variable", right)
 
     def _finite(self, value: float | str | EnumValue, place: Place) -> Constant:
         if isinstance(value, int | float) and not math.isfinite(value):
-            self.fail(place, "got a number that is too large", "at most 1.7e308")
+            self.fail(place, Got("a number that is too large"), "at most 1.7e308")
         return Constant(value, place)
 
     def _physical(self, text: syntax.Physical) -> Typed:
         unit = self.declared.units.get(text.unit.text)
         if unit is None:
-            near = did_you_mean(text.unit.text, self.declared.units, "'import osc.types', which declares the units")
+            near = did_you_mean(text.unit.text, self.declared.units, "write 'import osc.types', which has units")
             self.fail(text.unit.place, f"unknown unit '{text.unit}'", near)
         of, factor, offset = unit
         return self._finite(float(text.number) * factor + offset, text.place), Type(of, "physical")
@@ -255,12 +256,12 @@ class ExpressionChecker:
             members, missing = self.declared.filled({}, self.declared.members_of(type_), first.place)
             value = Struct(type_.name, members, first.place) if members and not missing else None
         if type_ is None or value is None:
-            right = did_you_mean(first.text, self.names.types, "a value; no name can be used here")
+            right = did_you_mean(first.text, self.names.types, "write a value, as no name can be used here")
             self.fail(first.place, f"unknown name '{first}'", right)
         for word in rest:
             known = self.declared.members_of(type_)
             if word.text not in known:
-                right = did_you_mean(word.text, known, "the name alone")
+                right = did_you_mean(word.text, known, "write the name alone")
                 self.fail(word.place, f"{_a(type_)} has no member '{word}'", right)
             type_ = known[word.text].type
         return below_of(value, [word.text for word in rest]), type_
@@ -276,9 +277,9 @@ class ExpressionChecker:
         struct = self.declared.structs.get(name)
         if struct is None:
             if name in self.declared.actions:
-                self.fail(place, f"{name!r} is an action, which has no value", "a value here")
+                self.fail(place, f"{name!r} is an action, which has no value", "write a value")
             if name == "elapsed":
-                self.fail(place, "got elapsed inside of an expression", "'wait elapsed(…)' alone")
+                self.fail(place, Got("elapsed inside of an expression"), "'wait elapsed(…)' alone")
             self.fail(place, f"unknown struct {name!r}", self.declared.right_type(name, self.declared.structs))
         whose = f"{name}(…)"
         values = self.complete(self.arguments(text, struct.members, whose), struct.members, text.place, whose)
@@ -293,9 +294,9 @@ class ExpressionChecker:
         function = owner.functions.get(name.text)
         if function is None:
             right = did_you_mean(name.text, owner.functions)
-            self.fail(name.place, f"{struct} has no function '{name}'", right)
+            self.fail(name.place, f"'{name}' is not a function of {struct}", right)
         if not function.of_library:
-            self.fail(path.place, f"{path} is external code of your own", "a function of a library, or a parameter")
+            self.fail(path.place, f"{path} is external code of your own", "use a function of a library, or a parameter")
         return function
 
     def _list(self, text: syntax.ListOf) -> Typed:
@@ -303,7 +304,7 @@ class ExpressionChecker:
         items = self.each(self.value, text.items)
         types = {type_ for _, type_ in items}
         if len(types) > 1:
-            self.fail(text.place, f"got a list of {_listed(sorted(map(str, types)))}", "items of one type")
+            self.fail(text.place, Got(f"a list of {_listed(sorted(map(str, types)))}"), "items of one type")
         item = next(iter(types), ANY)
         return ListOf(tuple(value for value, _ in items), text.place), Type(item.name, item.kind, True)
 
@@ -313,7 +314,7 @@ class ExpressionChecker:
         result = result_of(text.operator, types, self.declared.physical)
         if result is None:
             what = f"{text.operator!r} does not go with {_listed([_a(type_) for type_ in types])}"
-            self.fail(text.place, what, OPERANDS[text.operator])
+            self.fail(text.place, what, f"expected {OPERANDS[text.operator]}")
         return Operation(text.operator, tuple(value for value, _ in operands), text.place), result
 
     def _such_as(self, wanted: Type, text: syntax.Expression) -> str:

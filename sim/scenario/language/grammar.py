@@ -15,10 +15,10 @@ from lark import Lark, Token, UnexpectedInput
 from lark import __version__ as lark_version
 from lark.lark import PostLex
 
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.faults import Complaint, Fault, FileError, Got, Place, Problem
 from vastflow.sim.model.files import Unreadable
 from vastflow.sim.model.names import nearest
-from vastflow.sim.model.syntax import Misfit, expectation, line_and_column, misfit, spelling
+from vastflow.sim.model.syntax import Misfit, line_and_column, misfit, misplaced, spelling
 from vastflow.sim.scenario.language import syntax
 from vastflow.sim.scenario.language.building import Builder
 
@@ -64,10 +64,10 @@ class Indentation(PostLex):
             touches = begun and end.end_pos == token.start_pos and end.type != "NUMBER"
             if touches and WORDS.fullmatch(end[-1] + token[0]):
                 place = end.line or 1, end.column or 1
-                raise Unreadable(f"got {end + token!r}", f"a blank behind {str(end)!r}", place)
+                raise Unreadable(Got(repr(end + token)), f"a blank behind {str(end)!r}", place)
             brackets += (token.type in OPENING) - (token.type in CLOSING)
             if brackets > DEEPEST:
-                raise Unreadable("brackets are nested too deep", "fewer", (token.line or 1, token.column or 1))
+                raise Unreadable("brackets are nested too deep", "use fewer", (token.line or 1, token.column or 1))
             begun, end = True, token
             yield token
         for _ in levels[1:]:
@@ -78,14 +78,14 @@ def _steps(token: Token, width: int, levels: list[int]) -> Iterator[Token]:
     place = token.end_line or 1, width + 1
     if width > levels[-1]:
         if len(levels) > DEEPEST:
-            raise Unreadable("blocks are nested too deep", "fewer", place)
+            raise Unreadable("blocks are nested too deep", "use fewer levels", place)
         levels.append(width)
         yield Token.new_borrow_pos("_INDENT", "", token)
     while width < levels[-1]:
         levels.pop()
         yield Token.new_borrow_pos("_DEDENT", "", token)
     if width != levels[-1]:
-        what = f"got a line indented by {width} blanks that belongs to no block"
+        what = Got(f"a line indented by {width} blanks that belongs to no block")
         raise Unreadable(what, f"{levels[-1]} blanks, as the lines above it", place)
 
 
@@ -145,7 +145,7 @@ def parsed(text: str, file: str) -> syntax.File:
                 return read
             break
         except Unreadable as error:
-            faults.append(Fault(Place(file, *error.place), error.what, error.right))
+            faults.append(Fault(Place(file, *error.place), error.problem, error.expected))
             break
         except UnexpectedInput as error:
             wrong = misfit(error, readable)
@@ -189,20 +189,21 @@ def _width(line: str) -> int:
     return len(columns) - len(columns.lstrip())
 
 
-def _told(wrong: Misfit, text: str) -> tuple[int, str, str]:
+def _told(wrong: Misfit, text: str) -> tuple[int, Problem, str]:
     """Return the index of a mistake, the problem, and the expected text."""
     at, terminal, expected = wrong.start, wrong.terminal, wrong.expected
     if not terminal or text.startswith("/*", at):
         return at, *_stray(text, at)
     if terminal == "_NL" and (label := LABEL.search(text, 0, at)):
         near = nearest(label[1], BLOCKS)
-        right = f"did you mean {near!r}?" if near else f"{', '.join(BLOCKS)} or an action"
-        return label.start(), f"got {label[1]!r}", right
+        if near:
+            return label.start(), f"unexpected {label[1]!r}", f"did you mean {near!r}?"
+        return label.start(), Got(repr(label[1])), f"{', '.join(BLOCKS)} or an action"
     if terminal == "_INDENT":
-        what = "got a line that is indented deeper than the one before"
+        what = Got("a line that is indented deeper than the one before")
         return wrong.end, what, "the same indentation, or ':' on that line"
     word = "" if terminal in ENDS else text[at : wrong.end]
-    what = f"got {SPELLED[terminal] if terminal in ENDS else repr(word[:40])}"
+    what = Got(SPELLED[terminal] if terminal in ENDS else repr(word[:40]))
     at = wrong.end if terminal == "_DEDENT" else at
     if terminal == "DOT" and text[at - 1 : at].isdigit():
         return at, what, "a number with digits after the point, such as 3.0"
@@ -211,15 +212,15 @@ def _told(wrong: Misfit, text: str) -> tuple[int, str, str]:
     parser, _ = _parser()
     spelled = {each: spelling(parser, each, SPELLED) for each in expected if each != "STAND_IN"}
     said = expected - UNSAID or expected
-    return at, what, expectation(word, [spelled[each] for each in spelled if each in said], spelled.values())
+    return at, *misplaced(what, word, [spelled[each] for each in spelled if each in said], spelled.values())
 
 
-def _stray(text: str, at: int) -> tuple[str, str]:
+def _stray(text: str, at: int) -> Complaint:
     """Return the problem and the expected text at a character that begins no token."""
     if text.startswith("/*", at):
-        return "got a comment that does not end", "'*/' at its end"
+        return Got("a comment that does not end"), "'*/' at its end"
     if text[at] in "'\"":
-        return "got a string that does not end", f"{text[at]} before the end of the line"
+        return Got("a string that does not end"), f"{text[at]} before the end of the line"
     if text[at] == "|":
-        return "got a name that does not end", "'|' before the end of the line"
-    return f"got {text[at]!r}", "a name, a number, a string or an operator"
+        return Got("a name that does not end"), "'|' before the end of the line"
+    return Got(repr(text[at])), "a name, a number, a string or an operator"

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
+from vastflow.sim.model.faults import Got
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import Expression, Field, Name, Struct, Type, below_of
 from vastflow.sim.scenario.language import syntax
@@ -38,7 +39,7 @@ class MemberChecker(ExpressionChecker):
     def allowed(self, name: syntax.Word) -> bool:
         """Whether something may be called so."""
         if name.text in RESERVED:
-            self.fault(name.place, f"{name.text!r} is a base unit, a reserved word", "another name")
+            self.fault(name.place, f"{name.text!r} is a base unit, a reserved word", "choose another name")
         return name.text not in RESERVED
 
     def fields(self, text: syntax.Field) -> list[Field]:
@@ -69,7 +70,7 @@ class MemberChecker(ExpressionChecker):
         """Return a member that is declared again: with its new default, or the inherited one."""
         if not self.declared.is_a(member.type, inherited.type):
             what = f"{member.name!r} is declared already, as {inherited.type}"
-            self.fault(member.place, what, f"{inherited.type}, or another name")
+            self.fault(member.place, what, f"expected {inherited.type}, or another name")
         return member if member.default else replace(member, default=inherited.default, unit=inherited.unit)
 
     def keep(self, text: syntax.WithItem, members: Mapping[str, Field]) -> dict[str, Field]:
@@ -94,14 +95,14 @@ class MemberChecker(ExpressionChecker):
             self.refuse(item)
         right = "'keep(it.member == value)'"
         if not isinstance(item, syntax.Keep):
-            self.fail(item.place, "got a modifier of a field", right)
+            self.fail(item.place, Got("a modifier of a field"), right)
         match item.condition:
             case syntax.Operation("==", (syntax.Path((syntax.Word("it"), *path)), value)) if path:
                 return path, value
             case syntax.Operation(operator="in"):
                 right = "'keep(it.member == parameter)', and a ParameterVariationList of the parameter in the campaign"
-                self.fail(item.place, "got a 'keep' with several values", right)
-        self.fail(item.place, "got a 'keep' that gives no value", right)
+                self.fail(item.place, Got("a 'keep' with several values"), right)
+        self.fail(item.place, Got("a 'keep' that gives no value"), right)
 
     def _with_value(
         self, default: Expression | None, type_: Type, path: Sequence[syntax.Word], value: syntax.Expression
@@ -110,14 +111,14 @@ class MemberChecker(ExpressionChecker):
         first, *rest = path
         members = self.declared.members_of(type_)
         if first.text not in members:
-            right = did_you_mean(first.text, members, "a value for it as a whole")
+            right = did_you_mean(first.text, members, "give it a value as a whole")
             self.fault(first.place, f"a {type_} has no member '{first}'", right)
             return default
         whole = default or self.declared.default_of(type_, first.place)
         if isinstance(whole, Name):
             whole = Struct(type_.name, {name: below_of(whole, [name]) for name in members}, whole.place)
         if not isinstance(whole, Struct):
-            self.fault(first.place, f"got a 'keep' below a {type_} without value", f"{type_.name}(…)")
+            self.fault(first.place, Got(f"a 'keep' below a {type_} without value"), f"{type_.name}(…)")
             return default
         member = members[first.text].type
         if rest:

@@ -3,12 +3,12 @@
 import math
 import re
 from collections import ChainMap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any, Final
 
-from vastflow.sim.model.faults import ScenarioError, complaint
-from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.faults import Got, ScenarioError, message_of
+from vastflow.sim.model.names import nearest
 from vastflow.sim.scenario.definition import EnumValue, Field, ScenarioDefinition, Struct, Type
 from vastflow.sim.scenario.evaluation import evaluate, text_of
 
@@ -30,7 +30,7 @@ class ParameterMismatch(ValueError):
         super().__init__(scenario, parameter, expected, given)
 
     def __str__(self) -> str:
-        problem = complaint(f"got {self.given}", self.expected)
+        problem = message_of(Got(self.given), self.expected)
         return f"parameter {self.parameter} of scenario {self.scenario}: {problem}"
 
 
@@ -53,11 +53,17 @@ def bound(
         ParameterMismatch: a value does not fit, there is no such parameter, or one has no value.
     """
     known = {parameter.name: parameter for parameter in scenario.parameters}
-    for name, given in overrides.items():
+    for name in overrides:
         if name not in known:
-            raise ParameterMismatch(scenario.name, name, did_you_mean(name, known, "no parameters"), _shown(given))
+            raise ParameterMismatch(scenario.name, name, _name_of(name, known) or "no parameters", repr(name))
     values = _Values(scenario, overrides, functions)
     return {name: values[name] for name in known}
+
+
+def _name_of(given: str, known: Iterable[str]) -> str:
+    """Return the name that was meant, or all that are known."""
+    near = nearest(given, known)
+    return repr(near) if near else ", ".join(sorted(known))
 
 
 def default_of(scenario: ScenarioDefinition, name: str) -> Any:
@@ -122,7 +128,7 @@ class _Values(dict[str, Any]):
             members = self._scenario.enums[type_.name]
             name = given.member if isinstance(given, EnumValue) else str(given).removeprefix(f"{type_.name}!")
             if name not in members:
-                raise self._mismatch(where, did_you_mean(name, members), _shown(given))
+                raise self._mismatch(where, _name_of(name, members), _shown(given))
             return EnumValue(type_.name, name, members[name])
         value = _basic(type_.name, given) if type_.kind == "basic" else _number(given)
         if value is None:
@@ -138,7 +144,7 @@ class _Values(dict[str, Any]):
             raise self._mismatch(where, f"{_right(type_)} with {', '.join(members)}", _shown(given))
         for name in given:
             if name not in members:
-                raise self._mismatch(where, did_you_mean(str(name), members), f"member {name!r}")
+                raise self._mismatch(where, _name_of(str(name), members), f"member {name!r}")
         whole: dict[str, Any] = {}
         for name, member in members.items():
             below = f"{where}.{name}"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.sim.model import files
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.faults import Fault, FileError, Got, Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import ScenarioDefinition
 from vastflow.sim.scenario.language import syntax
@@ -59,10 +59,10 @@ def read_text(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, .
             each for each in parsed.declarations if isinstance(each, syntax.Compound) and each.kind == "scenario"
         ]
         if not scenarios:
-            reader.faults.append(Fault(Place(file, 1, 1), "got no scenario", "'scenario name:' and what it does"))
+            reader.faults.append(Fault(Place(file, 1, 1), Got("no scenario"), "'scenario name:' and what it does"))
         definitions = [checked(scenario, declarations, reader.faults) for scenario in scenarios]
     except RecursionError:
-        raise FileError([Fault(Place(file), "got an expression that is too long", "several shorter ones")]) from None
+        raise FileError([Fault(Place(file), Got("an expression that is too long"), "several shorter ones")]) from None
     if reader.faults:
         raise FileError(reader.faults)
     return tuple(definition for definition in definitions if definition is not None)
@@ -97,7 +97,7 @@ class _Reader:
         for part in text.imports:
             for name in imported.include(self._imported(part, folder)):
                 what = f"{name!r} is declared by an import above too"
-                self.faults.append(Fault(part.place, what, "one of the imports"))
+                self.faults.append(Fault(part.place, what, "keep one of the imports"))
         return declared(text, imported, file, self.faults)
 
     def _imported(self, part: syntax.Import, folder: Path) -> Declarations:
@@ -115,7 +115,7 @@ class _Reader:
             return library(name)
         elif name in ABSENT:
             what = f"library {name} is about {ABSENT[name]}, which vastflow does not have"
-            self.faults.append(Fault(part.place, what, "a scenario without it"))
+            self.faults.append(Fault(part.place, what, "write the scenario without it"))
         else:
             self.faults.append(Fault(part.place, f"unknown library {name!r}", did_you_mean(name, library_names())))
         return Declarations()
@@ -126,8 +126,8 @@ def _content(path: Path, place: Place) -> str:
     try:
         return files.read_text(path, "a scenario file", MOST_BYTES)
     except files.Missing:
-        raise FileError([Fault(place, f"there is no file {path}", "the path of a scenario file")]) from None
+        raise FileError([Fault(place, f"there is no file {path}", "expected a scenario file")]) from None
     except files.Unreadable as error:
         if error.place == files.START:
-            raise FileError([Fault(place, f"{path}: {error.what}", error.right)]) from None
-        raise FileError([Fault(Place(str(path), *error.place), error.what, error.right)]) from None
+            raise FileError([Fault(place, f"{path}: {error}")]) from None
+        raise FileError([Fault(Place(str(path), *error.place), error.problem, error.expected)]) from None

@@ -141,10 +141,10 @@ def copy_in(files: RunFiles, folder: Path) -> None:
             copy_file(content.path, target)
             shutil.copystat(content.path, target)
         except (OSError, Unreadable) as error:
-            reason = error.what if isinstance(error, Unreadable) else error.strerror
+            reason = error.problem if isinstance(error, Unreadable) else error.strerror
             raise ScenarioError(f"run file {content.path!r} can't be copied: {reason}") from None
         if file_digest(target) != content.digest:
-            raise ScenarioError(f"run file {content.path!r} changed since the campaign was read; run it again")
+            raise ScenarioError(f"run file {content.path!r} changed since the campaign was read. Run it again.")
         target.chmod(target.stat().st_mode | 0o200)
 
 
@@ -194,7 +194,7 @@ def hand_over(handed: Mapping[str, FileContent], folder: Path) -> None:
         except (OSError, ValueError) as error:
             raise ScenarioError(f"{key}: {content.path!r} can't be copied: {error}") from None
         if not is_same:
-            raise ScenarioError(f"{key}: {content.path!r} changed since the campaign was read; run it again")
+            raise ScenarioError(f"{key}: {content.path!r} changed since the campaign was read. Run it again.")
 
 
 def _map_header(source: Path) -> dict[str, Any] | None:

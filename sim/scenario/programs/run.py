@@ -275,7 +275,7 @@ class ProcessRun:
         if failure := _failure(group):
             raise ScenarioError(f"pre_command {name!r} {group.with_last_line(failure)}")
         if not result.exists():
-            raise ScenarioError(f"pre_command {name!r} left the shell that sources it; it must not call exit")
+            raise ScenarioError(f"pre_command {name!r} left the shell that sources it. It must not call exit.")
         entries = [os.fsdecode(entry).partition("=") for entry in read_bytes(result).split(b"\0") if entry]
         result.unlink()
         return {name: value for name, _, value in entries if name not in _NOT_TAKEN}

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.faults import ScenarioError, message_of
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.evaluation import OPERATORS
 from vastflow.sim.scenario.tree.action import ActionFactory, ActionSituation, Immediate
@@ -58,8 +58,8 @@ class Increment(Helper):
     def act(self, arguments: Mapping[str, Any]) -> bool:
         name, variables = arguments["target_variable"], self.situation.variables
         if not isinstance(name, str) or name not in variables:
-            right = did_you_mean(str(name), variables, "variables: none", listed="variables:")
-            raise ScenarioError(f"{name} is no variable with a value; {right}")
+            right = did_you_mean(str(name), variables)
+            raise ScenarioError(message_of(f"{name!r} is not a variable with a value", right))
         value = variables[name]
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ScenarioError(f"{name}: expected a number to count, got {value!r}")

@@ -21,7 +21,9 @@ class TickClock:
         self.number = 0
         self.period_us = round(period_s * 1e6) if math.isfinite(period_s) else 0
         if self.period_us < 1 or not math.isclose(self.period_us, period_s * 1e6, rel_tol=1e-9):
-            raise ValueError(f"the period of a tick is a whole number of microseconds, at least 1; got {period_s!r} s")
+            raise ValueError(
+                f"the period of a tick must be a whole number of microseconds, 1 or more, got {period_s!r} s"
+            )
 
     @property
     def now_us(self) -> int:

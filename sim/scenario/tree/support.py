@@ -85,7 +85,7 @@ def topic_fault(name: str, type_: str = "") -> str:
     """
     topic = TOPICS.get(absolute(name))
     if topic is None:
-        return f"nothing publishes {name} here; there are {', '.join(TOPICS)}"
+        return f"nothing publishes {name} here. The topics are {', '.join(TOPICS)}"
     if type_ and type_.replace("/", ".") != topic.type:
         return f"the messages of {name} are {topic.type}, not {type_}"
     return ""
@@ -96,20 +96,20 @@ def content_fault(name: str, type_: str) -> str:
     fault = topic_fault(name, type_)
     if fault or TOPICS[absolute(name)].has_content:
         return fault
-    return f"what is in the messages of {name} is not simulated; wait_for_data tells that they come"
+    return f"what is in the messages of {name} is not simulated, only that they come (wait_for_data)"
 
 
 def publication_fault(name: str, type_: str) -> str:
     """Explain why a scenario can't publish on a topic; empty if it can."""
     if absolute(name) not in PUBLISHABLE:
-        return f"nothing here does anything with what is published on {name}; there are {', '.join(PUBLISHABLE)}"
+        return f"nothing here reads {name}. Scenarios can publish on {', '.join(PUBLISHABLE)}"
     return topic_fault(name, type_)
 
 
 def nodes_fault(names: Sequence[str]) -> str:
     """Explain which nodes don't exist; empty if all do."""
     absent = [name for name in names if name.removeprefix("/") not in NODES]
-    return f"there is no node {', '.join(absent)} here; there are {', '.join(sorted(NODES))}" if absent else ""
+    return f"there is no node {', '.join(absent)} here. The nodes are {', '.join(sorted(NODES))}" if absent else ""
 
 
 def end_fault(topic: str, node: str, publishes: bool) -> str:
@@ -119,15 +119,15 @@ def end_fault(topic: str, node: str, publishes: bool) -> str:
     known = TOPICS[absolute(topic)]
     if node.removeprefix("/") in (known.publishers if publishes else known.subscribers):
         return ""
-    return f"{node} does not {'publish on' if publishes else 'subscribe to'} {topic} here"
+    return f"node {node} does not {'publish on' if publishes else 'subscribe to'} {topic} here"
 
 
 def frames_fault(parent: str, robot: str) -> str:
     """Explain why a transform has no such frames; empty if it has."""
     if parent not in PARENT_FRAMES:
-        return f"there is no frame {parent!r} to look from here; {' or '.join(PARENT_FRAMES)}"
+        return f"there is no frame {parent!r} to look from here, only {' and '.join(PARENT_FRAMES)}"
     if robot not in ROBOT_FRAMES and not robot.endswith(TRUE_FRAME):
-        return f"there is no frame {robot!r} of the robot here; {', '.join(ROBOT_FRAMES)} or one of the truth, …{TRUE_FRAME}"
+        return f"there is no frame {robot!r} of the robot here, only {', '.join(ROBOT_FRAMES)} and those of the truth, …{TRUE_FRAME}"
     return ""
 
 
@@ -157,30 +157,30 @@ def lacking(action: str, arguments: Mapping[str, Any]) -> str:
 _NO_SERVICES = "it asks a node for a service, and nothing offers one: the navigation stack runs inside the simulator"
 _NO_CLOCK = "it measures how fast a machine is, and simulated time does not depend on that"
 _NO_LOG = (
-    "it reads the log of ROS nodes, and in a scenario without a differential_drive_robot there are none; of a program of "
-    "your own process_log_check does"
+    "it reads the log of ROS nodes, and in a scenario without a differential_drive_robot there are none. Use "
+    "process_log_check for a program of your own"
 )
 _NO_GAZEBO = "it steers a simulator of its own, but a run's simulator is started, stepped and ended by vastflow"
-_NO_CLUSTER = "it starts or looks after containers; what a run is executed in is for `execution` in the campaign file"
+_NO_CLUSTER = "it starts or looks after containers. Use `execution` in the campaign file"
 _NO_ARM = "it moves an arm, and the simulated robot has none"
 _NO_NETWORK = "a run may depend on nothing but its configuration and seed, and so reaches no network"
 
 REASONS: Final[Mapping[str, str]] = {
-    "ros_run": "it starts a ROS node, and there is no ROS; a program of your own is started by run_process",
+    "ros_run": "it starts a ROS node, and there is no ROS. Use run_process for a program of your own",
     "bag_play": "it plays messages to ROS nodes, and there are none",
     "wait_for_services": _NO_SERVICES,
     "wait_for_service_server": _NO_SERVICES,
     "service_call": _NO_SERVICES,
-    "action_call": f"{_NO_SERVICES}; nav_to_pose and its like send the robot somewhere",
-    "set_node_parameter": f"{_NO_SERVICES}; parameters are given by the campaign's Nav2 parameter file",
-    "assert_lifecycle_state": f"{_NO_SERVICES}; Nav2 is active from the start",
-    "check_data_external": "it runs Python of your own on messages; check_data compares a member of one with a value",
+    "action_call": f"{_NO_SERVICES}. Use nav_to_pose and its like to send the robot",
+    "set_node_parameter": f"{_NO_SERVICES}. Set parameters in the campaign's Nav2 parameter file",
+    "assert_lifecycle_state": f"{_NO_SERVICES}. Nav2 is active from the start",
+    "check_data_external": "it runs Python of your own on messages. Use check_data to compare a member of one with a value",
     "assert_topic_latency": _NO_CLOCK,
     "assert_realtime_factor": _NO_CLOCK,
-    "load_world": f"{_NO_GAZEBO}; the world is the configuration's map or floor plan",
+    "load_world": f"{_NO_GAZEBO}. The world is the configuration's map or floor plan",
     "unload_world": _NO_GAZEBO,
     "reset_simulation": _NO_GAZEBO,
-    "set_entity_state": f"{_NO_GAZEBO}; delete_entity and spawn_entity put a thing elsewhere",
+    "set_entity_state": f"{_NO_GAZEBO}. Use delete_entity and spawn_entity to move a thing",
     "step_simulation": _NO_GAZEBO,
     "set_simulation_state": _NO_GAZEBO,
     "generate_floorplan": "floor plans are made before a run, by the campaign's FloorplanGeneration",
@@ -199,7 +199,7 @@ FAMILIES: Final[Mapping[str, str]] = {
 
 ROBOT: Final = "differential_drive_robot"
 
-GENERIC: Final = "vastflow's simulator has no such action; one of your own can inherit from an action of a library"
+GENERIC: Final = "vastflow's simulator has no such action. One of your own can inherit from an action of a library"
 
 
 def unsupported(definition: ScenarioDefinition, known: Container[str]) -> list[Fault]:

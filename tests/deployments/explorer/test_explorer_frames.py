@@ -125,7 +125,7 @@ def test_frames_of_duplicate_are_those_of_its_original(directory: Path):
 
 
 def test_stored_run_names_missing_parts(directory: Path):
-    with pytest.raises(UnusableDirectory, match=r"no configuration 'office-3'; did you mean 'office-[12]'"):
+    with pytest.raises(UnusableDirectory, match=r"Unknown configuration 'office-3'\. Did you mean 'office-[12]'"):
         stored_run(directory, "office-3", 0)
     with pytest.raises(UnusableDirectory, match="office-1: expected the number of a run, 0 to 1, got 2"):
         stored_run(directory, "office-1", 2)
@@ -137,7 +137,7 @@ def test_stored_run_names_missing_parts(directory: Path):
 def test_frames_report_missing_recording(directory: Path):
     (directory / "recordings" / "office-1.parquet").unlink()
     header, arrays = unpacked(frames_of(stored_run(directory, "office-1", 1), "office-1"))
-    assert header["sentence"] == "This run was not recorded; the verdicts say why."
+    assert header["sentence"] == "This run was not recorded. The verdicts say why."
     assert (header["judgement"], arrays) == ("fail", {})
 
 
