@@ -41,7 +41,7 @@ def smoother_between(reader: Reader) -> Mapping[str, VelocitySmoother]:
     reader.asked |= {path: reader.document.values[path] for path in paths if path in reader.document.values}
     if (other := _of_other_type(reader.document)) is not None:
         words = "the commands of the node before it have another type, with a stamp or without"
-        reader.warnings[(*other, _STAMPED)] = words, "no command arrives: the robot stands"
+        reader.warnings[(*other, STAMPED)] = words, "no command arrives: the robot stands"
         return {"velocity_smoother": _STANDING}
     match monitored_topics(reader.document):
         case None | ("cmd_vel_smoothed", "cmd_vel"):
@@ -65,14 +65,14 @@ def smoother_between(reader: Reader) -> Mapping[str, VelocitySmoother]:
 def _of_other_type(document: ParameterDocument) -> ParameterLocation | None:
     """Return the first node that expects commands of another type than the node before it sends."""
     values, usual = document.values, release_of(document) != "jazzy"
-    usual = next((bool(values[path]) for path in values if path[-1] == _STAMPED and is_wild(path)), usual)
+    usual = [usual, *(bool(values[path]) for path in values if path[-1] == STAMPED and is_wild(path))][-1]
     nodes = [document.node(name) or (name, PARAMETERS) for name in ("controller_server", "velocity_smoother")]
     nodes += filter(None, [document.node("collision_monitor")])
-    stamped = [values.get((*node, _STAMPED), usual) for node in nodes]
+    stamped = [values.get((*node, STAMPED), usual) for node in nodes]
     return next((node for node, own in zip(nodes, stamped, strict=True) if own != stamped[0]), None)
 
 
-_STAMPED: Final = "enable_stamped_cmd_vel"
+STAMPED: Final = "enable_stamped_cmd_vel"
 _MONITORED: Final = ("cmd_vel_in_topic", "cmd_vel_out_topic")
 
 

@@ -79,7 +79,7 @@ def _topic_at(document: ParameterDocument, node: ParameterLocation, name: str, d
 
 def _info_servers(document: ParameterDocument) -> Mapping[ParameterLocation, str]:
     """Return the info servers of a document with the topics that they publish on."""
-    servers = [node for node in document.nodes if is_info_server(document, node)]
+    servers = sorted(node for node in document.nodes if is_info_server(document, node))
     return {node: _topic_at(document, node, TOPIC, _DEFAULT_TOPIC) for node in servers}
 
 
@@ -128,12 +128,12 @@ def filter_gap(document: ParameterDocument, place: ParameterLocation, kind: str)
     if kind == "SpeedFilter" and isinstance(told, int) and told not in (1, 2):
         return f"{node[-2]} has type {told}, and a speed filter takes 1 or 2"
     mask = _topic_at(document, node, "mask_topic", str(declared_defaults()["filter info"]["mask_topic"].default))
-    masks = {str(value).lstrip("/"): path[-3] for path, value in document.values.items() if _is_mask_topic(path)}
+    masks = {str(value).lstrip("/"): path[-3] for path, value in document.values.items() if is_mask_topic(path)}
     published = [f"{name} publishes on {said}" for said, name in masks.items()]
     return f"{node[-2]} names the mask {mask}, and {' and '.join(published)}" if masks and mask not in masks else ""
 
 
-def _is_mask_topic(path: ParameterLocation) -> bool:
+def is_mask_topic(path: ParameterLocation) -> bool:
     """Whether this is the topic of a map server's that is not the map's own."""
     return path[-1] == "topic_name" and path[-2] == PARAMETERS and path[-3] != "map_server"
 

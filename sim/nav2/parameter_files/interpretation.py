@@ -12,6 +12,7 @@ from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.model.polygon import area_of, vertices_of
 from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER, smoother_between
+from vastflow.sim.nav2.parameter_files.content import content_of
 from vastflow.sim.nav2.parameter_files.controller_server import read_controller_server, written_controller_server
 from vastflow.sim.nav2.parameter_files.costmaps import (
     check_speed_filter,
@@ -119,7 +120,7 @@ def interpretation(
         FileError: every fault of the document.
     """
     document = of_robot(document, document.values.get(NAMESPACE))
-    reader = Reader(document, drawn=drawn, varied=varied)
+    reader = Reader(content_of(document), drawn=drawn, varied=varied)
     if NAMESPACE in document.values:
         reader.plain(NAMESPACE, "")
     if reader.plain(RELEASE, RELEASES[0]) not in RELEASES:

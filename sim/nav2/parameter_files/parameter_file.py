@@ -12,7 +12,7 @@ from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.files import TextPlace, is_file
 from vastflow.sim.model.parameter import ParameterLocation
-from vastflow.sim.nav2.parameter_files.costmaps import is_info_server
+from vastflow.sim.nav2.parameter_files.content import content_of, read_nodes
 from vastflow.sim.nav2.parameter_files.document import (
     ANY,
     ANY_NUMBER,
@@ -99,8 +99,8 @@ FILE_KEY: Final = "nav2_params"
 def nav2_file(path: str | Path) -> FileContent:
     """A Nav2 parameter file as the value of `nav2_params`.
 
-    Its digest is that of the parameters of the nodes that are modeled, of the plug-ins that it names, and of the order of
-    several robots: comments, the order of other keys, and nodes that the simulator has nothing of are not in it.
+    Its digest is that of its content (see `content_of`), of the plug-ins that it names, and of the order of several
+    robots: comments, the order of other keys, and nodes that the simulator has nothing of are not in it.
 
     Raises:
         FileError: the file can't be used.
@@ -170,10 +170,10 @@ def loaded(content: FileContent) -> ParameterDocument:
 
 
 def _content_digest(document: ParameterDocument) -> str:
-    modeled = {name for full, node in NODES.items() for name in (full[-1], node.older)}
-    nodes = {node for node in document.nodes if not modeled.isdisjoint(node[-2:-1]) or is_info_server(document, node)}
-    values = {dotted(path): value for path, value in document.values.items() if node_of(path) in nodes}
+    values = {dotted(path): value for path, value in content_of(document).values.items()}
     plug_ins = {name: snapshot.digest for name, snapshot in document.plug_ins.items()}
     robots = robots_of(document)  # without a namespace of the campaign's the first counts
+    wild = [path for path in content_of(document).values if is_wild(path)]  # the last counts
     more: list[Value] = [plug_ins] if plug_ins else []
-    return digest(sorted(map(dotted, nodes)), values, *more, *([robots] if len(robots) > 1 else []))
+    ordered = [order for order in (robots, wild) if len(order) > 1]
+    return digest(sorted(map(dotted, read_nodes(document))), values, *more, *ordered)

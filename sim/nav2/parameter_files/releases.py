@@ -18,6 +18,9 @@ RELEASE_KEY: Final = "nav2_release"
 
 RELEASE: Final[ParameterLocation] = (RELEASE_KEY,)
 
+NAVIGATOR: Final = "bt_navigator"
+"""A node that is not modeled, and whose names say the release, too."""
+
 
 class Change(NamedTuple):
     """A behavior that a release has and the simulator has not; see `releases.yaml`."""
@@ -37,13 +40,19 @@ def _table() -> Mapping[str, Any]:
     return table
 
 
+@functools.cache
+def newer_names() -> frozenset[str]:
+    """Return the names, and the words for values, that Jazzy has not."""
+    return frozenset(name for names in _table()["names"].values() for name in names)
+
+
 def guessed_release(document: ParameterDocument) -> tuple[Release, str]:
     """Return the release that a file is for, and a name in it that no older one has."""
-    own = {name for full, node in NODES.items() for name in (full[-1], node.older)} | {"bt_navigator"}
+    own = {name for full, node in NODES.items() for name in (full[-1], node.older)} | {NAVIGATOR}
     values = {
         path: value
         for path, value in document.values.items()
-        if PARAMETERS in path and "".join(node_of(path)[-2:-1]) in own
+        if PARAMETERS in path and "".join(node_of(path)[-2:-1]) in own and node_of(path) not in document.others
     }
     names = [*(name for path in values for name in path), *(str(value) for value in values.values())]
     for release, new in _table()["names"].items():
