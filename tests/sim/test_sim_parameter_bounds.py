@@ -118,7 +118,7 @@ def test_number_of_a_campaign_is_refused_beyond_the_modeled_range(tmp_path):
         parameters_of({**system, "width": 500})
 
 
-def test_step_of_the_model_is_compared_with_the_rate_as_the_file_has_it():
+def test_step_of_the_model_is_compared_as_the_file_has_it():
     assert read("controller_server", f"{MPPI}model_dt: 0.033}}, controller_frequency: 40.0").parameters.controller
     with pytest.raises(FileError, match=r"30\.303 or more for a model_dt of 0\.033 s, as Nav2 does not start"):
         read("controller_server", f"{MPPI}model_dt: 0.033}}, controller_frequency: 20.0")

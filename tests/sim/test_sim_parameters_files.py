@@ -158,7 +158,7 @@ def test_modeled_parameters_are_not_built_in():
     assert modeled & tabled == set()
 
 
-def test_every_modeled_parameter_is_read_by_the_simulator():
+def test_modeled_parameters_are_read_by_the_simulator():
     package = Path(vastflow.sim.__file__).parent
     read_names: set[str] = set()
     for file in package.rglob("*.py"):
