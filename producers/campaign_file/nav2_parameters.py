@@ -19,7 +19,13 @@ from vastflow.sim.nav2.parameter_files.findings import Finding, defaults_row, fi
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, file_value, frozen, read_nav2_document
 from vastflow.sim.nav2.parameter_files.refusals import refusals
-from vastflow.sim.nav2.parameter_files.releases import RELEASE_KEY, RELEASES, changes_since_jazzy
+from vastflow.sim.nav2.parameter_files.releases import (
+    RELEASE,
+    RELEASE_KEY,
+    RELEASES,
+    changes_since_jazzy,
+    guessed_release,
+)
 
 WHERE: Final[Location] = ("execution", FILE_KEY)
 
@@ -97,13 +103,18 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
     for path, (what, consequence) in found.reader.warnings.items():
         yield note(path, what, consequence)
     for path, declared, other, is_used in omitted(found):
-        if not is_used:
+        if not is_used and path not in found.reader.warnings:
             yield note(
                 path,
                 f"the file leaves {path[-1]} out, which is {shown(declared.default)} in Nav2's code",
                 f"the simulator uses {shown(other)}",
                 "not modeled",
             )
+    release, name = guessed_release(document)
+    if name and RELEASE not in document.values:
+        where = next(path for path, value in document.values.items() if name in (*path, value))
+        what = f"the file is for Nav2 {release.title()}, the first with {name!r}"
+        yield note(where, what, f"Jazzy is simulated; '{RELEASE_KEY}' of the campaign says another release")
     for change in changes_since_jazzy(document, {*found.reader.kinds.values()}):
         where = next(path for path, kind in found.reader.kinds.items() if kind.endswith(change.kind))
         yield note(where, f"since {change.since.title()} {change.words}", f"{change.here} here", "not modeled")
@@ -111,9 +122,10 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
         if path in document.values:
             what = f"{shown(document.values[path])} Hz is not supported: the rate must divide the 20 Hz control loop"
             yield note(path, what, f"it runs at {held:g} Hz")
+    said = found.reader.held.keys() | found.reader.warnings.keys()
     groups: dict[ParameterLocation, list[Finding]] = {}
     for finding in findings(found):
-        if finding.status in ("not modeled", "differs") and finding.path not in found.reader.held:
+        if finding.status in ("not modeled", "differs") and finding.path not in said:
             groups.setdefault(finding.about, []).append(finding)
     for about, (first, *others) in groups.items():
         if first.status == "differs":

@@ -51,7 +51,8 @@ def test_params_lists_parameters_and_counts(nav2):
     )
     counts = ["3 modeled", "1 built in", "1 no effect", "1 differs", "1 not modeled"]
     assert [line.split(":")[0] for line in lines[9:14]] == counts
-    assert lines[14].endswith("more are modeled, with the defaults of Nav2's code")
+    assert lines[14].startswith("warning: local_costmap.local_costmap.rolling_window: rolling_window is false where")
+    assert lines[15].endswith("more are modeled, with the defaults of Nav2's code")
     source = "nav2_controller/src/controller_server.cpp:65"
     assert f"controller_server.failure_tolerance 0.0 Jazzy: 0.3 {source}" in lines[16:]
     built_in = (

@@ -2,6 +2,7 @@
 
 from table import each_row
 
+from vastflow.producers.campaign_file.nav2_parameters import notes_of
 from vastflow.sim.model.parameter import source_of
 from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import dotted, parse
@@ -32,6 +33,11 @@ def read(text):
 def costmap(source="{data_type: LaserScan, marking: true, clearing: true}", layer=""):
     own = f"o: {{plugin: 'nav2_costmap_2d::ObstacleLayer', observation_sources: s, {layer} s: {source}}}"
     return f"local_costmap: {{local_costmap: {{ros__parameters: {{rolling_window: true, plugins: [o], {own}}}}}}}"
+
+
+def mppi(text=""):
+    own = f"{{plugin: 'nav2_mppi_controller::MPPIController', critics: [GoalCritic]{text}}}"
+    return f"controller_server: {{ros__parameters: {{controller_plugins: [A], A: {own}}}}}"
 
 
 def modeled_groups():
@@ -122,11 +128,42 @@ def test_default_critic_of_dwb_has_the_declared_scale():
 
 
 def test_left_out_noise_of_mppi_differs():
-    own = "{plugin: 'nav2_mppi_controller::MPPIController', critics: [GoalCritic]}"
-    found = interpretation(parse(f"controller_server: {{ros__parameters: {{controller_plugins: [A], A: {own}}}}}"))
+    found = interpretation(parse(mppi()))
     rows = {row.path[-1]: row for row in omitted(found)}
     assert (rows["regenerate_noises"].declared.default, rows["regenerate_noises"].is_used) == (False, False)
     assert (rows["batch_size"].declared.default, rows["batch_size"].other) == (1000, 2000)
+
+
+@each_row(
+    ("text", "name", "words"),
+    [
+        (costmap().replace("window: true", "window: false"), "rolling_window", " is false: Nav2's window stays"),
+        (
+            costmap().replace("rolling_window: true, ", ""),
+            "rolling_window",
+            " is false where the file leaves it out: Nav2's window",
+        ),
+        ("amcl: {ros__parameters: }", "rolling_window", " is false where the file leaves it out"),
+        (costmap(), "rolling_window", ""),
+        (mppi(), "regenerate_noises", " is false where the file leaves it out: Nav2 draws the noise once"),
+        (mppi(", regenerate_noises: false"), "regenerate_noises", " is false: Nav2 draws the noise once"),
+        (mppi(", regenerate_noises: true"), "regenerate_noises", ""),
+    ],
+)
+def test_flag_that_nav2_has_false_is_a_warning_and_nothing_else(text, name, words):
+    said = [
+        (fault.kind, fault.problem)
+        for fault in notes_of(interpretation(parse(text)))
+        if fault.place.where.endswith(f".{name}")
+    ]
+    assert len(said) == bool(words)
+    assert all(kind == "warning" and problem.startswith(f"{name}{words}") for kind, problem in said)
+
+
+def test_source_without_data_type_has_no_note_of_its_own():
+    found = read(costmap("{topic: scan, marking: true, clearing: true, max_obstacle_height: 2.0}"))
+    assert found.parameters.local_costmap.obstacle_layer.marking
+    assert not [fault for fault in notes_of(found) if fault.place.where.endswith(".s") or "its 3" in fault.problem]
 
 
 def test_default_stack_leaves_nothing_out():

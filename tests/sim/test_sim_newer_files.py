@@ -212,6 +212,26 @@ def test_campaigns_release_says_what_differs(tmp_path, release, others):
     assert len(said) == len(others)
 
 
+@each_row(
+    ("text", "own", "notes"),
+    [
+        (server(RPP + ", max_linear_vel: 0.3}"), "", ["the file is for Nav2 Lyrical, the first with 'max_linear_vel'"]),
+        (
+            server(RPP + ", min_distance_to_obstacle: 0.4}"),
+            "",
+            ["the file is for Nav2 Kilted, the first with 'min_distance_to_obstacle'"],
+        ),
+        (server(RPP + ", max_linear_vel: 0.3}"), ", nav2_release: jazzy", []),
+        (server(RPP + "}"), "", []),
+    ],
+)
+def test_guessed_release_is_noted(tmp_path, text, own, notes):
+    (tmp_path / "nav2.yaml").write_text(text)
+    (file := tmp_path / "a.vast").write_text(f"execution: {{nav2_params: nav2.yaml{own}}}")
+    found = nav2_params_of(read_campaign(file), tmp_path).notes
+    assert [note.problem for note in found if "the first with" in note.problem] == notes
+
+
 def test_release_without_a_file_is_an_error(tmp_path):
     (file := tmp_path / "a.vast").write_text("execution: {nav2_release: kilted}")
     (fault,) = nav2_params_of(read_campaign(file), tmp_path).faults

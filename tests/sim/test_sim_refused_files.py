@@ -51,6 +51,47 @@ def test_several_checkers_of_which_the_tree_names_none_refuse_every_path(text, i
 
 
 @each_row(
+    ("tree", "is_followed"),
+    [
+        ("default_nav_to_pose_bt_xml: /home/me/mine.xml", True),
+        ("default_nav_through_poses_bt_xml: mine.xml", True),
+        ("default_nav_to_pose_bt_xml: /opt/ros/navigate_w_replanning_time.xml", False),
+        ("default_nav_to_pose_bt_xml: ''", False),
+        ("odom_topic: mine.xml", False),
+    ],
+)
+def test_several_checkers_count_where_the_tree_is_a_users(tree, is_followed):
+    own = f"goal_checker_plugins: [a, b], a: {SIMPLE}, b: {{plugin: 'nav2_controller::StoppedGoalChecker'}}"
+    text = f"controller_server: {{ros__parameters: {{{own}}}}}\nbt_navigator: {{ros__parameters: {{{tree}}}}}"
+    found = interpretation(parse(text))
+    assert found.parameters.goal_checker.xy_goal_tolerance == (0.05 if is_followed else NO_CHECKER)
+    said = {path[-1]: words for path, words in found.reader.warnings.items()}
+    words, consequence = said["goal_checker_plugins"]
+    assert ("a is used, as if" in consequence and "mine.xml" in words) == is_followed
+
+
+@each_row(
+    ("text", "tree", "words"),
+    [
+        (f"controller_server: {{ros__parameters: {{controller_plugins: [F], F: {RPP}}}}}", "", "FollowPath"),
+        (f"controller_server: {{ros__parameters: {{controller_plugins: [F], F: {RPP}}}}}", "mine.xml", ""),
+        (
+            "planner_server: {ros__parameters: {planner_plugins: [P], P.plugin: nav2_navfn_planner/NavfnPlanner}}",
+            "",
+            "GridBased",
+        ),
+    ],
+)
+def test_plug_in_that_no_tree_of_nav2s_asks_for_is_used_with_a_warning(text, tree, words):
+    found = interpretation(
+        parse(f"{text}\nbt_navigator: {{ros__parameters: {{default_nav_to_pose_bt_xml: '{tree}'}}}}")
+    )
+    said = [words for words, _ in found.reader.warnings.values() if "abort each mission" in words]
+    assert len(said) == (words != "")
+    assert all(f"ask for {words}, find none" in each for each in said)
+
+
+@each_row(
     ("text", "words"),
     [
         ("controller_frequency: 20", "expected a double, such as 20.0"),

@@ -9,7 +9,8 @@ from vastflow.sim.nav2.parameter_files.command_chain import STAMPED
 from vastflow.sim.nav2.parameter_files.costmaps import is_info_server, is_mask_topic
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, is_wild, node_of
 from vastflow.sim.nav2.parameter_files.nodes import NODES
-from vastflow.sim.nav2.parameter_files.releases import NAVIGATOR, newer_names
+from vastflow.sim.nav2.parameter_files.releases import newer_names
+from vastflow.sim.nav2.parameter_files.trees import NAVIGATOR, is_users_tree
 
 _MODELED: Final = frozenset(name for full, node in NODES.items() for name in (full[-1], node.older) if name)
 
@@ -32,8 +33,8 @@ def content_of(document: ParameterDocument) -> ParameterDocument:
         if node in document.others:
             return False
         if node[-2:-1] == (NAVIGATOR,):
-            names = newer_names()
-            return not names.isdisjoint(path) or str(document.values[path]) in names
+            names, value = newer_names(), document.values[path]
+            return not names.isdisjoint(path) or str(value) in names or is_users_tree(path[-1], value)
         return is_mask_topic(path) or (path[-1] == STAMPED and is_wild(path))
 
     return replace(document, values={path: value for path, value in document.values.items() if is_content(path)})

@@ -5,6 +5,7 @@ from typing import Any, Final
 
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaint
+from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.nodes import (
     CONTROLLERS,
     FOREIGN_CRITICS,
@@ -18,6 +19,7 @@ from vastflow.sim.nav2.parameter_files.nodes import (
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, short_name
 from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, Used, Values, plug_in_name, written, written_plugins
 from vastflow.sim.nav2.parameter_files.releases import release_of
+from vastflow.sim.nav2.parameter_files.trees import users_tree
 from vastflow.sim.nav2.parameters.mppi import AckermannParameters, MppiParameters
 from vastflow.sim.nav2.parameters.servers import (
     NO_CHECKER,
@@ -48,9 +50,8 @@ def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
     refuses = False
     for name, plugins in _CHECKERS.items():
         path, names = reader.listed(node, plugins)
-        if len(set(names)) > 1 and not (
-            plugins.used in names and release_of(reader.document) == "lyrical"
-        ):  # whose trees name one
+        is_named = plugins.used in names and release_of(reader.document) == "lyrical"  # by its trees
+        if len(set(names)) > 1 and not is_named and not users_tree(reader.document):
             refuses = True
             why = f"Nav2 refuses each path: of several {plugins.what}s the behavior tree must name one, and the default names none"
             reader.warnings[path] = f"there are {len(set(names))} {plugins.what}s", f"{why}, so that missions abort"
@@ -97,6 +98,12 @@ def _controller(reader: Reader, used: Used) -> Parts:
                 problem = "CostCritic and ObstaclesCritic together are not modeled"
                 reader.fault((*place, "critics"), problem, "keep one of them")
         given |= _motion_model(reader, place)
+        reader.fixed(
+            (*place, "regenerate_noises"),
+            declared_defaults()["MPPI"]["regenerate_noises"].default,
+            "Nav2 draws the noise once, and each cycle has the same samples",
+            "here each cycle draws its own",
+        )
     elsewhere = {**_handled(reader, used.place[:-1], algorithm, given)}
     old, new = (*place, "desired_linear_vel"), (*place, "max_linear_vel")  # since Lyrical
     if algorithm == "RPP" and new in reader.document.values and old not in reader.document.values:

@@ -208,6 +208,12 @@ def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costma
         reader.default_of(
             (*node, "plugins"), declared_defaults()[node[-2]]["plugins"], ["voxel_layer", "inflation_layer"]
         )
+        reader.fixed(
+            (*node, "rolling_window"),
+            declared_defaults()[node[-2]]["rolling_window"].default,
+            "Nav2's window stays where odometry began, and its controller fails when the robot leaves it",
+            "here the window moves with the robot",
+        )
     layers = _layers(reader, [each for each in listed if not _is_filter(each)])
     used = [*layers.values(), *(each for each in filters if each.place not in reader.unused)]
     _check_order(reader, sorted(used, key=[*listed, *filters].index))

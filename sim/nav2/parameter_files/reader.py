@@ -15,6 +15,7 @@ from vastflow.sim.model.rates import held_hz
 from vastflow.sim.nav2.parameter_files.declared import Declared, declared_defaults
 from vastflow.sim.nav2.parameter_files.document import SUBSTITUTION, ParameterDocument, dotted
 from vastflow.sim.nav2.parameter_files.nodes import PluginClass, Plugins, class_name, short_class
+from vastflow.sim.nav2.parameter_files.trees import users_tree
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import FILE, Registry
 
@@ -201,6 +202,12 @@ class Reader:
                 self.own_group(field.annotation, (*place, name))
         return self.group(kind, place)
 
+    def fixed(self, path: ParameterLocation, default: Value, words: str, instead: str) -> None:
+        """Warn of a flag that is false, in the document or by Nav2's code, where the simulator has true alone."""
+        if self.document.values.get(path, default) is False:
+            left_out = "" if path in self.document.values else " where the file leaves it out"
+            self.warnings[path] = f"{path[-1]} is false{left_out}: {words}", instead
+
     def leave(self, path: ParameterLocation, why: str) -> None:
         """Mark a parameter as ineffective because of others."""
         self.asked.pop(path, None)
@@ -259,13 +266,16 @@ class Reader:
         if not names:
             self.fault(path, Got("an empty list"), f"the name of a {plugins.what}")
             return None
-        used = plugins.used if plugins.used in names else names[0]
+        used, tree = plugins.used if plugins.used in names else names[0], users_tree(self.document)
         for name in names:
             if name != used:
-                self.unused[(*prefix, name)] = f"the default behavior trees use {used}"
-        if plugins.is_asked_for and used != plugins.used:
-            why = f"the default behavior trees ask for {plugins.used}, which Nav2 would not find, so {used} is used"
-            self.unmodeled[path] = why
+                self.unused[(*prefix, name)] = f"{used} is used" if tree else f"the default behavior trees use {used}"
+        if tree and len(set(names)) > 1:
+            words = f"of {len(set(names))} {plugins.what}s {tree} must name one, or Nav2 follows no path"
+            self.warnings[path] = words, f"{used} is used, as if {tree} named it"
+        elif plugins.is_asked_for and used != plugins.used and not tree:
+            words = f"Nav2's default behavior trees ask for {plugins.used}, find none, and abort each mission"
+            self.warnings[path] = words, f"{used} is used, as by a behavior tree that asks for it"
         return Used((*prefix, used), (*path, str(names.index(used))), plugins, names)
 
     def listed(self, prefix: ParameterLocation, plugins: Plugins) -> tuple[ParameterLocation, list[str]]:

@@ -9,6 +9,7 @@ from vastflow.sim.model.files import yaml_value
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, node_of
 from vastflow.sim.nav2.parameter_files.nodes import NODES
+from vastflow.sim.nav2.parameter_files.trees import NAVIGATOR
 
 Release: TypeAlias = Literal["jazzy", "kilted", "lyrical"]
 RELEASES: Final[tuple[Release, ...]] = get_args(Release)
@@ -17,9 +18,6 @@ RELEASE_KEY: Final = "nav2_release"
 """Key of the system dimension that says the release of a file."""
 
 RELEASE: Final[ParameterLocation] = (RELEASE_KEY,)
-
-NAVIGATOR: Final = "bt_navigator"
-"""A node that is not modeled, and whose names say the release, too."""
 
 
 class Change(NamedTuple):
