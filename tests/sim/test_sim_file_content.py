@@ -38,6 +38,7 @@ def files(tmp_path):
         (MASKED, "mask: {ros__parameters: {topic_name: filter_mask}}", "mask: {ros__parameters: {topic_name: mine}}"),
         (TWO, "bt_navigator: {ros__parameters: {a: 1}}", "bt_navigator: {ros__parameters: {max_linear_vel: 1}}"),
         (TWO, "bt_navigator: {ros__parameters: {a: b}}", "bt_navigator: {ros__parameters: {a: max_linear_vel}}"),
+        (TWO, "bt_navigator: {ros__parameters: {default_nav_to_pose_bt_xml: mine.xml}}", ""),
         (STAMPED, "/**: {ros__parameters: {enable_stamped_cmd_vel: true}}", ""),
         (
             STAMPED,
@@ -61,6 +62,7 @@ def test_files_of_two_robots_have_two_digests(files, base, one, other):
         (STAMPED, "", "# a comment"),
         (STAMPED, "", "other: {ros__parameters: {rate: 3, topic_name_of: x}}"),
         (STAMPED, "map_server: {ros__parameters: {topic_name: map}}", ""),
+        (TWO, "bt_navigator: {ros__parameters: {default_nav_to_pose_bt_xml: follow_point.xml}}", ""),
         (TWO, "bt_navigator: {ros__parameters: {odom_topic: a}}", "bt_navigator: {ros__parameters: {odom_topic: b}}"),
     ],
 )

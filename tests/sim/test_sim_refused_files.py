@@ -17,6 +17,12 @@ from vastflow.sim.nav2.parameters.servers import NO_CHECKER
 RPP = "{plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}"
 SIMPLE = "{plugin: 'nav2_controller::SimpleGoalChecker', xy_goal_tolerance: 0.05}"
 LYRICAL = "path_handler_plugins: [p], p: {plugin: 'nav2_controller::FeasiblePathHandler'}"
+SHIM_CLASS = "'nav2_rotation_shim_controller::RotationShimController'"
+SHIM = f"controller_plugins: [FollowPath], FollowPath: {{plugin: {SHIM_CLASS}"
+MONITOR = "observation_sources: [scan, cloud], cloud.type: pointcloud, polygons: [p], p: {"
+APPROACH = f"{MONITOR}type: polygon, action_type: approach"
+CIRCLE = f"{MONITOR}type: circle, action_type: slowdown"
+HYBRID = "planner_plugins: [GridBased], GridBased: {plugin: 'nav2_smac_planner::SmacPlannerHybrid'"
 MOVING = "{plugin: 'nav2_controller::SimpleProgressChecker'}"
 
 
@@ -126,6 +132,31 @@ def test_file_with_which_a_node_ends_is_refused(text, words):
         ("amcl", "map_topic: null", 0),
         ("amcl", "own: [$(var x), 1.0]", 0),
         ("my_node", "own: []", 0),
+        ("my_node", "use_sim_time: 1", 1),
+        ("my_node", "use_sim_time: $(var use_sim_time)", 0),
+        ("amcl", "use_sim_time: true", 0),
+        ("bt_navigator", "transform_tolerance: 1", 1),
+        ("bt_navigator", "bt_loop_duration: 10.0", 1),
+        ("bt_navigator", "bt_loop_duration: 10, transform_tolerance: 0.1, plugin_lib_names: [a]", 0),
+        ("costmap_filter_info_server", "base: 100, multiplier: -1", 2),
+        ("my_info", "filter_info_topic: info, base: 100", 1),
+        ("controller_server", f"{SHIM}, primary_controller: {RPP[9:-1]}, angular_dist_threshold: 1}}", 1),
+        ("controller_server", f"{SHIM}, primary_controller: {RPP}, simulate_ahead_time: 1}}", 1),
+        (
+            "controller_server",
+            f"{SHIM}, primary_controller: {RPP[9:-1]}, lookahead_dist: 1, simulate_ahead_time: 1}}",
+            2,
+        ),
+        ("controller_server", f"controller_plugins: [A], A: {RPP}, B: {{plugin: {SHIM_CLASS}, closed_loop: 1}}", 0),
+        ("collision_monitor", f"{APPROACH}, time_before_collision: 2}}", 1),
+        ("collision_monitor", f"{APPROACH}, min_points: 4.0}}", 1),
+        ("collision_monitor", f"{CIRCLE}, radius: 1}}", 1),
+        ("collision_monitor", f"{CIRCLE}, radius: 1.0, slowdown_ratio: 1}}", 1),
+        ("collision_monitor", f"{CIRCLE}, radius: 1.0, min_points: 4}}", 0),
+        ("collision_monitor", f"{CIRCLE}, radius: 1.0}}, scan: {{topic: 3}}", 1),
+        ("collision_monitor", f"{CIRCLE}, radius: 1.0}}, scan: {{min_height: 0}}", 0),  # a scan declares none
+        ("collision_monitor", f"{CIRCLE}, radius: 1.0}}, cloud: {{enabled: 1}}", 1),
+        ("planner_server", f"{HYBRID}, smoother: {{max_iterations: 1000.0}}}}", 1),
         ("my_node", "own: [1, 1.0]", 1),
     ],
 )

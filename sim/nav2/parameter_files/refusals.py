@@ -6,15 +6,27 @@ from typing import Final
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Fault, Got, Place, Problem
 from vastflow.sim.model.parameter import ParameterLocation
-from vastflow.sim.nav2.parameter_files.costmaps import LAUNCH_WORDS
-from vastflow.sim.nav2.parameter_files.declared import declared_defaults
+from vastflow.sim.nav2.parameter_files.costmaps import LAUNCH_WORDS, is_info_server
+from vastflow.sim.nav2.parameter_files.declared import Declared, declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, SUBSTITUTION, dotted, nearest_of, node_of
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation
 from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, class_name
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS
 from vastflow.sim.nav2.parameter_files.reader import shown
+from vastflow.sim.nav2.parameter_files.trees import NAVIGATOR
 
 _SEEN: Final = ("LaserScan", "PointCloud2")
+_CLOCK: Final = "use_sim_time"
+"""A flag of every node, which none starts with as a number."""
+_KINDS: Final[Mapping[str, str]] = {"approach polygon": "polygon", "zone": "polygon"}
+"""Kinds of the reader to those of the declared defaults, where they differ."""
+_NESTED: Final = (("smoother",), ("AckermannConstraints",))
+"""Groups in plug-ins, of which nothing else has the name."""
+_SOURCES: Final[Mapping[str, str]] = {
+    **dict.fromkeys(("ObstacleLayer", "VoxelLayer"), "scan"),
+    "collision_monitor": "monitored scan",
+}
+"""Kinds with sources, also those that are not modeled, to what is declared of these."""
 _OF_SOURCES: Final[Mapping[tuple[str, str], Sequence[Value]]] = {
     ("ObstacleLayer", "data_type"): _SEEN,
     ("VoxelLayer", "data_type"): _SEEN,
@@ -31,10 +43,8 @@ def refusals(found: Interpretation) -> Iterator[Fault]:
         return Fault(Place(document.file, *document.place(path), dotted(path)), problem, expected)
 
     for path, value in document.values.items():
-        group = nearest_of(path[:-1], reader.kinds)
-        kind = reader.kinds.get(group or (), "")
-        declared = declared_defaults().get(group[-1] if group and kind.endswith(" critic") else kind, {})
-        name = ".".join(path[len(group or ()) :])
+        group, declared = _declared(found, path)
+        name = ".".join(path[len(group) :])
         is_known = name in declared and value not in (*LAUNCH_WORDS,)
         if right := _unread(value, "".join(node_of(path)[-2:-1]) if PARAMETERS in path else ""):
             yield fault(path, Got(shown(value)), right)
@@ -55,6 +65,41 @@ def refusals(found: Interpretation) -> Iterator[Fault]:
             if path[-1] == "plugin" and is_one:
                 right = f"add 'controller_plugins: [{plugin[-1]}]', as Nav2 does not start without critics for its default, DWB"
                 yield fault(plugin, "no controller_plugins names it", right)
+
+
+def _declared(found: Interpretation, path: ParameterLocation) -> tuple[ParameterLocation, Mapping[str, Declared]]:
+    """Return the group that a parameter is of, and what Nav2's code declares in it."""
+    reader, document, table = found.reader, found.document, declared_defaults()
+    if PARAMETERS not in path:
+        return (), {}
+    if path[-2:] == (PARAMETERS, _CLOCK) and SUBSTITUTION not in str(document.values[path]):
+        return path[:-1], {_CLOCK: Declared(False, "")}
+    for group, kind in (
+        (path[:-1], "RotationShim" if _is_shim(found, path[:-1]) else ""),
+        (path[:-1], path[-2] if path[-2:-1] in _NESTED else ""),
+        (path[:-1], _SOURCES.get(reader.kinds.get(path[:-2], ""), "") if _is_source(found, path[:-1]) else ""),
+    ):
+        if path[-1] in table.get(kind, {}):
+            return group, table[kind]
+    group = nearest_of(path[:-1], reader.kinds) or ()
+    kind = reader.kinds.get(group, "")
+    if not group:
+        group = node_of(path)
+        is_info = is_info_server(document, group) and group not in document.others
+        kind = "filter info" if is_info else NAVIGATOR if group == document.node(NAVIGATOR) else ""
+    kind = group[-1] if kind.endswith(" critic") else _KINDS.get(kind, kind)
+    of_type = {"radius": Declared(0.0, "")} if kind == "polygon" else {}
+    return group, {**table.get(kind, {}), **of_type}
+
+
+def _is_shim(found: Interpretation, group: ParameterLocation) -> bool:
+    plugin = (*group, "plugin")
+    return plugin in found.reader.asked and class_name(str(found.reader.asked[plugin])) == ROTATION_SHIM
+
+
+def _is_source(found: Interpretation, group: ParameterLocation) -> bool:
+    names = found.reader.asked.get((*group[:-1], "observation_sources"))
+    return group[-1] in (names.split() if isinstance(names, str) else names if isinstance(names, Sequence) else ())
 
 
 def _unread(value: Value, node: str) -> str:
