@@ -26,10 +26,13 @@ def _print_converted(file: Path) -> None:
     import yaml
 
     from vastflow.producers.campaign_file.document import read_document
-    from vastflow.producers.campaign_file.robovast import Converter
+    from vastflow.producers.campaign_file.robovast import SCHEMAS, Converter
 
-    converter = Converter()
-    print(yaml.safe_dump(converter.campaign(read_document(file).data), sort_keys=False, allow_unicode=True), end="")
+    document, converter = read_document(file), Converter()
+    if (version := document.value(("version",))) not in SCHEMAS:
+        got = f"expected a schema of RoboVAST 2 (2, 3, or 4), got {'none' if version is None else version}"
+        raise FileError([document.fault(("version",), got)])
+    print(yaml.safe_dump(converter.campaign(document.data), sort_keys=False, allow_unicode=True), end="")
     for name in converter.left:
         print(f"left out, as version 1 has no place for it: {name}", file=sys.stderr)
 

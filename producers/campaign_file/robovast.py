@@ -36,9 +36,10 @@ class Converter:
             if isinstance(section := data.get(name), Mapping):
                 found[name] = self._kept(section, fields.model_fields, f"{name}.", ("containers",))
         if isinstance(execution := found.get("execution"), dict):
-            execution |= self._containers(data["execution"].get("containers") or {})
-            if isinstance(limit_s := execution.get("timeout"), int | float):  # of a job, which has several runs
-                execution["timeout"] = limit_s / execution.get("runs_per_job", 1)
+            execution |= self._containers(self._mapping(data["execution"].get("containers"), "execution.containers"))
+            limit_s, runs = execution.get("timeout"), execution.get("runs_per_job", 1)
+            if isinstance(limit_s, int | float) and isinstance(runs, int) and runs > 0:  # of a job, which has several
+                execution["timeout"] = limit_s / runs
         if isinstance(search := found.get("search"), Mapping):
             found["search"] = self._family(search, "search", search)
         return found
@@ -64,9 +65,14 @@ class Converter:
         return found
 
     def _parameters(self, slot: str, values: Any, place: str) -> Iterator[tuple[str, Any]]:
-        for key, value in values.items() if isinstance(values, Mapping) else ():
+        for key, value in self._mapping(values, place).items():
             if name := self._name(slot, str(key), place):
                 yield name, value
+
+    def _mapping(self, value: Any, place: str) -> Mapping[str, Any]:
+        """Return a mapping as it is; an empty one with a word of what stands there instead."""
+        self.left += [] if value is None or isinstance(value, Mapping) else [place]
+        return value if isinstance(value, Mapping) else {}
 
     def _name(self, slot: str, name: str, place: str) -> str:
         """Return the key of a slot's parameter, empty with a word of it where there is none."""
@@ -88,14 +94,14 @@ class Converter:
             if isinstance(value, Mapping):  # roles of the producer's
                 found |= {_ROLES[role]: name for role, name in value.items() if role in _ROLES}
                 value = [name for role, name in value.items() if role not in _ROLES]
-            named = [value] if isinstance(value, str) else value
+            named = value if isinstance(value, list) else [value]
             if slot == "sim" and not kind.startswith("Parameter"):  # what it writes, such as a list of obstacles
                 slot = "scenario"
             names += filter(None, (self._name(slot, str(name), where) for name in named))
         self.left += [f"{place}.{kind}.reads"] if "reads" in given else []
+        if not names and "name" not in given and kind.startswith("Parameter"):
+            return None  # and what it varies is named above
         others = {key: value for key, value in given.items() if key not in (*_SLOTS, "reads")}
-        if not names and kind.startswith("Parameter"):
-            return None
         if names:
             found["name"] = names[0] if len(names) == 1 else names
         return {kind: found | others}
@@ -104,18 +110,19 @@ class Converter:
         found: dict[str, Any] = {}
         order = [name for name in _MAIN if name in containers]
         for name in [*order, *(name for name in containers if name not in order)]:
-            given = containers[name] or {}
+            place = f"execution.containers.{name}"
+            given = self._mapping(containers[name], place)
+            wanted, files = (self._mapping(given.get(key), f"{place}.{key}") for key in ("resources", "config_files"))
             fields = {key: given[key] for key in ("image",) if key in given}
-            resources = {key: value for key, value in (given.get("resources") or {}).items() if key in _RESOURCES}
+            resources = {key: value for key, value in wanted.items() if key in _RESOURCES}
             if isinstance(cpu := resources.get("cpu"), float):  # version 1 has whole ones
                 resources["cpu"] = math.ceil(cpu)
-            files = given.get("config_files") or {}
             found |= {FILE_KEY: files["nav2"]} if "nav2" in files else {}
             fields |= {"resources": resources} if resources else {}
             unused = [key for key in given if key not in ("image", "resources", "config_files")]
             unused += [f"config_files.{key}" for key in files if key != "nav2"]
-            unused += [f"resources.{key}" for key in given.get("resources") or {} if key not in _RESOURCES]
-            self.left += [f"execution.containers.{name}.{key}" for key in unused]
+            unused += [f"resources.{key}" for key in wanted if key not in _RESOURCES]
+            self.left += [f"{place}.{key}" for key in unused]
             if name == (order or [*containers])[0]:
                 found |= fields
             else:

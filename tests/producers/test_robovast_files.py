@@ -82,6 +82,49 @@ def test_converter_writes_what_version_1_can_say_and_names_the_rest():
     ]
 
 
+def test_converter_keeps_steps_and_parameters_that_have_no_slots():
+    steps = [
+        {"ParameterVariationList": {"name": "robot_radius", "values": [0.2, 0.3]}},
+        {"ParameterVariationDistributionUniform": {"name": ["a", "b"], "num_variations": 2, "min": 0, "max": 1}},
+        {"PathVariationRandom": {"path_length": 5.0}},
+    ]
+    family = {"name": "hall", "parameters": [{"map_file": "hall.yaml"}], "variations": steps}
+    converter = Converter()
+    assert converter.campaign({"version": 3, "configuration": [family]})["configuration"] == [family]
+    assert converter.left == []
+
+
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        ("configuration: [{parameters: {map_file: hall.yaml}}]", "configuration[0].parameters.map_file"),
+        ("configuration: [{parameters: {sut: 3}}]", "configuration[0].parameters.sut"),
+        (
+            "configuration: [{variations: [{ParameterVariationList: {sim: 3, values: [1]}}]}]",
+            "configuration[0].variations[0].ParameterVariationList.sim.3",
+        ),
+        ("execution: {containers: [a]}", "execution.containers"),
+        ("execution: {containers: {sut: a}}", "execution.containers.sut"),
+        ("execution: {containers: {sut: {resources: [1]}}}", "execution.containers.sut.resources"),
+        ("execution: {containers: {sut: {config_files: a}}}", "execution.containers.sut.config_files"),
+        ("execution: {timeout: 10, runs_per_job: 0, shm_size: 1}", "execution.shm_size"),
+    ],
+)
+def test_converter_names_what_has_another_form(text, left):
+    converter = Converter()
+    converter.campaign(yaml.safe_load(f"version: 3\n{text}"))
+    assert converter.left == [left]
+
+
+@pytest.mark.parametrize(("version", "place"), [("version: 1", "1:10"), ("version: 5", "1:10"), ("runs: 3", "1:1")])
+def test_converter_refuses_other_versions(tmp_path, version, place):
+    (file := tmp_path / "a.vast").write_text(f"{version}\nconfiguration: []\n")
+    refused = CliRunner().invoke(app, ["validate", "--from-robovast", str(file)])
+    assert refused.exit_code == 2
+    assert f"{place}: version: expected a schema of RoboVAST 2 (2, 3, or 4), got " in refused.stderr
+    assert not refused.stdout
+
+
 def test_converted_file_is_a_campaign(tmp_path):
     """Without what only a file of RoboVAST's own has beside it."""
     (tmp_path / "a.vast").write_text(
