@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, TypeAlias
+from urllib.parse import quote
 
 import numpy as np
 from starlette.exceptions import HTTPException
@@ -15,8 +16,10 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.directories import Directories
+from vastflow.deployments.explorer.outputs import content_of, written_by
 from vastflow.deployments.explorer.pages import ARRAYS, Pages, name_of, number_of
 from vastflow.flows.results.trust import NotPermitted
+from vastflow.oracles.results.executed import configuration_row
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, read_verdicts
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
@@ -162,13 +165,23 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             (name_of(request, "with"), number_of(request, "withrun")) if request.query_params.get("withrun") else None
         )
         elsewhere = "withc" in request.query_params or (beside is not None and beside[0] != configuration)
+        campaigns = [campaign, directories.find(request.query_params.get("withc") or campaign.id)]
         places = [(campaign.path, configuration, run_index)]
         if beside:
-            places.append((directories.find(request.query_params.get("withc") or campaign.id).path, *beside))
+            places.append((campaigns[1].path, *beside))
         runs = [frames.stored_run(*place) for place in places]
         with reading(campaign.path.name):
             sides = [frames.facts_of(run, asked) for run, (_, asked, _) in zip(runs, places, strict=True)]
             plots = [*frames.plots_of(runs)]
+            written = [
+                {
+                    "c": each.id,
+                    "configuration": run.configuration,
+                    "run": run.run_index,
+                    **written_by(each.path, run.configuration, run.run_index),
+                }
+                for each, run in zip(campaigns, runs, strict=False)  # the second only beside the first
+            ]
         return pages.page(
             request,
             "run.html.j2",
@@ -180,6 +193,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             around=around_run(campaign.path, runs[0].configuration, run_index),
             sides=sides,
             plots=plots,
+            written=written,
         )
 
     def frames(request: Request) -> Response:
@@ -208,4 +222,23 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             raise HTTPException(503, "The explorer was ended.") from None
         return Response(content, media_type=ARRAYS, headers={"Content-Encoding": "gzip"})
 
-    return [Route("/run", run), Route("/api/frames", frames), Route("/api/layers", layers, methods=["POST"])]
+    def output(request: Request) -> Response:
+        campaign = directories.find(name_of(request, "c"))
+        name, run_index = name_of(request, "name"), number_of(request, "run")
+        with reading(campaign.path.name):
+            row = configuration_row(campaign.path, name_of(request, "configuration"))
+            content = content_of(campaign.path, row["duplicate_of"] or row["name"], run_index, name)
+        if content is None:
+            raise HTTPException(404)
+        # Saved, never shown: it may be a page with scripts.
+        file = quote(name.rpartition("/")[2], safe="", errors="replace")
+        return Response(
+            content, media_type=ARRAYS, headers={"Content-Disposition": f"attachment; filename*=UTF-8''{file}"}
+        )
+
+    return [
+        Route("/run", run),
+        Route("/output", output),
+        Route("/api/frames", frames),
+        Route("/api/layers", layers, methods=["POST"]),
+    ]

@@ -62,12 +62,17 @@ def unpacked(file: IO[bytes]) -> Iterator[tuple[tuple[int, str, str], bytes]]:
         ValueError, BadZipFile: damaged, or larger than outputs are.
     """
     with zipfile.ZipFile(file) as archive:
-        entries = {entry.filename: entry for entry in archive.infolist()}
-        if (found := sum(entry.file_size for entry in entries.values())) > MOST_OUTPUTS_BYTES:
-            raise Unreadable(Got(f"{found:,} bytes of outputs when unpacked"), f"at most {MOST_OUTPUTS_BYTES:,}")
-        for name, entry in entries.items():
-            run_index, kind, path = name.split("/", 2)
-            yield (int(run_index), kind, path), archive.read(entry)
+        for place, entry in members_of(archive).items():
+            yield place, archive.read(entry)
+
+
+def members_of(archive: zipfile.ZipFile) -> dict[tuple[int, str, str], zipfile.ZipInfo]:
+    """Return the entries of an archive of outputs by run index, `tables` or `files`, and name; raises as `unpacked` does."""
+    entries = {entry.filename: entry for entry in archive.infolist()}
+    if (found := sum(entry.file_size for entry in entries.values())) > MOST_OUTPUTS_BYTES:
+        raise Unreadable(Got(f"{found:,} bytes of outputs when unpacked"), f"at most {MOST_OUTPUTS_BYTES:,}")
+    places = ((name.split("/", 2), entry) for name, entry in entries.items())
+    return {(int(run_index), kind, path): entry for (run_index, kind, path), entry in places}
 
 
 def read_outputs(content: bytes) -> dict[int, Outputs]:

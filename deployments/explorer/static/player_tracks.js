@@ -26,7 +26,7 @@ export class Tracks {
     this.line = place.querySelector("[role=slider]");
     this.legend = element("p", { class: "row muted", "aria-label": "Colors of what the robot did" });
     this.line.after(this.legend);
-    for (const track of place.querySelectorAll(".track")) {
+    for (const track of place.querySelectorAll(".tracks:not(.still) .track")) {
       track.addEventListener("pointerdown", (event) => this.#point(event, true));
       track.addEventListener("pointermove", (event) => this.#point(event, false));
     }
