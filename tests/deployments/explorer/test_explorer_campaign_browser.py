@@ -168,6 +168,17 @@ def test_failed_paths_cover_others_in_their_own_color(page):
     assert runs[1] == ["fail", "rgb(194, 84, 0)", 0.9]  # not blended to the gray of runs that were not judged
 
 
+def test_map_dashes_runs_that_were_not_judged_below_others(page):
+    until_painted(page)
+    drawn = page.value(
+        "[...document.querySelectorAll('#map svg path')].filter(each => /pass|fail|judged/.test(each.classList))"
+        ".map(each => [String(each.classList), each.getAttribute('stroke-dasharray')])"
+    )
+    assert drawn == [["not-judged", "5 4"], ["pass", None], ["fail", None]]
+    assert page.value("/\\d recorded runs on/.test(document.querySelector('#map').innerText)")
+    assert page.value("/\\d runs/.test(document.getElementById('summary').innerText)")
+
+
 def test_table_and_map_are_used_by_keyboard(page):
     page.value("document.querySelector('#table [tabindex=\"0\"]').focus()")
     press(page, "ArrowDown")
