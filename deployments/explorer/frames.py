@@ -179,7 +179,7 @@ def frames_of(run: StoredRun, asked: str) -> bytes:
 
 
 def plots_of(runs: Sequence[StoredRun]) -> Iterator[Mapping[str, Any]]:
-    """Yield a plot of each signal that any of some runs has: key, title, unit, least and greatest value, and lines."""
+    """Yield the plot of each signal that runs have: key, title, unit, least and greatest value, lines."""
     for title, unit, words in SIGNALS:
         lines, known = [], [np.zeros(1, dtype=np.int32)]
         for side, run in enumerate(runs):
@@ -196,7 +196,7 @@ def plots_of(runs: Sequence[StoredRun]) -> Iterator[Mapping[str, Any]]:
 
 
 def _goal_distance_mm(recording: Recording, goals: Sequence[Pose]) -> NDArray[np.int32]:
-    """Return the distance (N,) from the robot's center to the first goal that was neither reached nor given up, else the last."""
+    """Return the distance (N,) from the robot's center to the next open goal, or to the last one."""
     over_ms = [1000 * event.t_s for event in recording.run.events if event.kind in ("goal_reached", "goal_missed")]
     now = np.minimum(np.searchsorted(over_ms, recording.columns["t_ms"] - 0.5), len(goals) - 1)
     x_m, y_m = np.array([(goal.x_m, goal.y_m) for goal in goals])[now].T

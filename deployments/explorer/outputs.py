@@ -1,8 +1,9 @@
-"""What programs wrote in a run: members of the archive of a configuration's outputs, and plots of their tables."""
+"""Outputs of a run's programs: members of an archive, and plots of their tables."""
 
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -38,12 +39,14 @@ def written_by(directory: Path, configuration: str, run_index: int) -> Mapping[s
         members = members_of(archive)
         own = {f"{kind}/{name}": entry for (run, kind, name), entry in members.items() if run == run_index}
         tables = [name for name in own if name.startswith("tables/")]
-        plots = [plot for name in tables for plot in _plots(name, _content(archive, own[name]))]
-    return {"files": [(name, entry.file_size) for name, entry in own.items()], "plots": plots[:MOST_PLOTS]}
+        plots = list(
+            islice((each for name in tables for each in _plots(name, _content(archive, own[name]))), MOST_PLOTS)
+        )
+    return {"files": [(name, entry.file_size) for name, entry in own.items()], "plots": plots}
 
 
 def content_of(directory: Path, configuration: str, run_index: int, name: str) -> bytes | None:
-    """Return the content of a member of a run by its name in `written_by`; None if there is none; raises as `written_by`."""
+    """Return the content of a run's member by its name, or None; raises as `written_by`."""
     if not (directory / "outputs" / f"{configuration}.zip").is_file():
         return None
     with _archive(directory, configuration) as archive:

@@ -237,6 +237,8 @@ def _register(deployment: "Deployment", kind: PoolType) -> None:
         say(f"was busy for {patience}. Deploy again later" if retry.is_away(error) else f"did not take it: {error}")
         raise typer.Exit(FAULT) from None
     pool = deployment.pool
-    print(f"{'made' if is_new else 'found'} the work pool {pool}, start a worker: prefect worker start --pool {pool}")
+    print(
+        f"{'made' if is_new else 'found'} the work pool {pool}, now start a worker: prefect worker start --pool {pool}"
+    )
     print(f"{campaign.name}/{deployment.name}: {url.removesuffix('/api')}/deployments/deployment/{found}")
     print(f"run it: prefect deployment run '{campaign.name}/{deployment.name}'")

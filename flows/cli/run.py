@@ -86,7 +86,7 @@ def requested(source: Path, asked: Mapping[str, Any], trust: bool) -> Iterator[R
         before, title = asked_of(metadata), f"{metadata['name']} of {metadata['created'].replace('T', ' ')}"
     if metadata["asked"].get("as_v1"):
         raise UserError(
-            f"{directory}: it was run with --as-v1, which is gone; write placement: as_v1 into a campaign file"
+            f"{directory}: It was run with --as-v1, which is gone. Write placement: as_v1 into a campaign file."
         )
     only = f", only {', '.join(before.only)}" if before.only else ""
     only += "" if before.sample is None else f", a sample of {before.sample}"

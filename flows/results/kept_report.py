@@ -56,7 +56,7 @@ def copy_report(directory: Path, key: str) -> Mapping[str, Any] | None:
 
 
 def drawn_before(made_by: str) -> Callable[[str], Mapping[str, bytes] | None]:
-    """Return a function that gives the files of a figure, by suffix, by the key of what is drawn; None for a new one.
+    """Return a function from the key of a drawing to its files by suffix, None if it is new.
 
     Args:
         made_by: Digest of the code and the versions of libraries.

@@ -193,7 +193,7 @@ def _key(run: PreparedCampaign, computing: Computing) -> str:
 
 
 def _lasting_key(run: PreparedCampaign, computing: Computing, record: Mapping[str, Any]) -> str:
-    """Digest of all beside tables that a report follows from: of the campaign file the text that it shows as its own."""
+    """Return the digest of all that a report follows from beside tables, without the text of the campaign file."""
     said = repr(run.campaign.spec.metadata).encode()
     lasting = {name: value for name, value in record.items() if name not in (KEY, WHY)}
     metadata = {**metadata_of(run.campaign, run.keys, computing.created), **lasting}

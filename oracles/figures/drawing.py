@@ -18,7 +18,7 @@ Before: TypeAlias = Callable[[str], Files | None]
 
 
 class Drawing:
-    """What a function draws of some content.
+    """A function and its arguments, drawn on demand.
 
     Args:
         draw: Makes a figure, or files.

@@ -1,4 +1,4 @@
-"""What of a report differs from call to call: when and where it was made, for what work, and the wording of the campaign file.
+"""The part of a report that differs from call to call: date, work, and text of the campaign file.
 
 The rest follows from results alone, and may be kept. Nothing here imports what draws or counts.
 """

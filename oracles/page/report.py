@@ -58,7 +58,7 @@ _FILTERS: Final = {
 
 @dataclass(frozen=True)
 class Lasting:
-    """What was written of a report: its headline as JSON, and the names of figures by the keys of their drawings."""
+    """A written report: its headline as JSON, and names of figures by the keys of their drawings."""
 
     headline: dict[str, Any]
     drawn: dict[str, str]

@@ -114,7 +114,7 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
     if name and RELEASE not in document.values:
         where = next(path for path, value in document.values.items() if name in (*path, value))
         what = f"the file is for Nav2 {release.title()}, the first with {name!r}"
-        yield note(where, what, f"Jazzy is simulated; '{RELEASE_KEY}' of the campaign says another release")
+        yield note(where, what, f"Jazzy is simulated, and '{RELEASE_KEY}' of the campaign says another release")
     for change in changes_since_jazzy(document, {*found.reader.kinds.values()}):
         where = next(path for path, kind in found.reader.kinds.items() if kind.endswith(change.kind))
         yield note(where, f"since {change.since.title()} {change.words}", f"{change.here} here", "not modeled")

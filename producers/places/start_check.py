@@ -16,7 +16,7 @@ from vastflow.producers.model.producer import ROOM_KEY, Producer, draws_of, may_
 from vastflow.producers.places.ground import MAP_KEY, occupancy_of, touched_cells
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, canonical
-from vastflow.sim.model.faults import FileError
+from vastflow.sim.model.faults import FileError, Got, Problem
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY

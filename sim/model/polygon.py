@@ -67,7 +67,10 @@ def points_of(text: str) -> list[tuple[float, float]]:
         if token == "[" and depth == 2:
             rows.append([])
         elif token not in "[]" and depth == 2:
-            rows[-1].append(float(token))
+            try:
+                rows[-1].append(float(token))
+            except ValueError:
+                raise ValueError(_FORM) from None
         elif token not in "[]" or not 0 <= depth <= 2:
             raise ValueError(_FORM)
     if depth != 0 or len(rows) < 3 or any(len(row) != 2 for row in rows):

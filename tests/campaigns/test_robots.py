@@ -22,7 +22,7 @@ def campaign(request):
 
 
 def test_campaign_notes_only_missing_nodes(campaign):
-    assert [note.problem for note in campaign.notes if not note.problem.startswith("has no ")] == []
+    assert [note.problem for note in campaign.notes if not note.problem.startswith("the file has no ")] == []
     assert {family.name for family in campaign.families} == {"office", "university"}
 
 

@@ -1,4 +1,4 @@
-"""Public reports and files of others that were once misread: the right value of each, at the level of `validate` and `params`.
+"""Right values of others' files that were once misread, by `validate` and `params`.
 
 The verdict of C06, a mission that Nav2 ends at its start, is a test of the oracle `success`.
 """
@@ -89,7 +89,7 @@ def test_repeated_critic_is_another_controller_than_one(tmp_path):
     assert parameters_of({"nav2_params": nav2_file(tmp_path / "once.yaml")}).controller != read("C14").controller
 
 
-def test_two_robots_in_either_order_are_two_systems():
+def test_order_of_two_robots_makes_two_systems():
     files = [nav2_file(CASES / f"C13/{name}_first.yaml") for name in ("one", "two")]
     assert files[0].digest != files[1].digest
     assert [parameters_of({"nav2_params": file}).local_costmap.robot_radius for file in files] == [0.22, 0.35]

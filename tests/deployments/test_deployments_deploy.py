@@ -97,7 +97,7 @@ def test_deploy_refuses_file_outside_of_image(file, tmp_path, monkeypatch):
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     said = refused("deploy", tmp_path / file, "--pool", "cluster", "--type", "kubernetes", "--dry-run")
-    assert "call this from the folder that the image is built from" in said
+    assert "Call this from the folder that the image is built from" in said
 
 
 def test_deploy_prints_remedy_without_api(file, monkeypatch):

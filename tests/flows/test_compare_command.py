@@ -315,7 +315,7 @@ def test_compare_counts_common_oracles_or_a_selected_one(tmp_path):
             ALIKE,
             {},
             ("--oracle", "sucess"),
-            "--oracle: expected an oracle that judged both campaigns, got 'sucess'; did you mean 'success'?",
+            "--oracle: No oracle 'sucess' judged both campaigns. Did you mean 'success'?",
         ),
         ({"x": (99, 0, "pp")}, {}, (), "nothing to compare: no configuration of one has the environment"),
         (
@@ -324,7 +324,12 @@ def test_compare_counts_common_oracles_or_a_selected_one(tmp_path):
             (),
             "nothing to compare: 2 configurations of B, such as c0-1, have several counterparts in A or share one",
         ),
-        (ALIKE, {"seed": "7-"}, (), "common configurations without a common seed; `execution.seed` must be the same"),
+        (
+            ALIKE,
+            {"seed": "7-"},
+            (),
+            "common configurations have no common seed. Give both campaigns the same `execution.seed`",
+        ),
         (ALIKE, {"oracles": ("safety",)}, (), "no oracle judged both"),
         (same("n" * 10), {}, (), "no run of 120 pairs was judged both times"),
         (ALIKE, {}, ("--junit", "no/compare.xml"), "can't be written"),

@@ -50,7 +50,7 @@ def test_campaigns_that_start_in_one_second_get_two_directories(tmp_path):
 
 @each_row("code", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO])
 def test_full_or_broken_disk_is_reported_and_leaves_no_half_directory(tmp_path, code):
-    words = rf"results: can't write to '{tmp_path}' \({os.strerror(code)}\); make room there or .*--results; what was computed"
+    words = rf"results: can't write to '{tmp_path}' \({os.strerror(code)}\). Make room there or .*--results. What was computed"
     with pytest.raises(UserError, match=words), writes(tmp_path) as place:
         (place / "runs.parquet").write_text("x")
         raise OSError(code, os.strerror(code), str(place / "runs.parquet"))
@@ -66,7 +66,7 @@ def test_errors_other_than_the_disks_are_raised_unchanged_and_leave_nothing(tmp_
 
 
 def test_results_folder_deleted_while_it_is_written_is_reported(tmp_path):
-    words = rf"results: '{tmp_path}' was deleted while it was being written; what was computed is in the store"
+    words = rf"results: '{tmp_path}' was deleted while it was being written. What was computed is in the store"
     with pytest.raises(UserError, match=words), writes(tmp_path) as place:
         shutil.rmtree(tmp_path)
         (place / "runs.parquet").write_text("x")

@@ -226,7 +226,7 @@ def test_show_follow_refuses_folder_where_nothing_runs(tmp_path):
     assert refused("show", "--follow", tmp_path).endswith(
         "expected a campaign directory with events.jsonl, or a folder where a campaign runs"
     )
-    assert refused("show").startswith("RESULTS: expected a campaign directory")
+    assert refused("show").startswith("RESULTS: Name a campaign directory")
     assert refused("show", "--follow", "--coverage").startswith("--coverage: expected a finished campaign")
 
 

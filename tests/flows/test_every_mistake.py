@@ -8,7 +8,7 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.sim.model.faults import FileError
 
 POSES = "  - start_pose: {x: 0.5, y: 0.5, yaw: 0.0}\n  - goal_pose: {x: 1.5, y: 0.5}\n"
-TWO_LOW = "  - robot_radius: -1.0\n  - inflation_radus: 0.5\n"
+TWO_LOW = "  - robot_radius: 30.0\n  - inflation_radus: 0.5\n"
 SEARCH = (
     "search:\n  search_space: {g: {type: float, low: 3, high: 6}}\n  parameters:\n  - map_file: maps/room.yaml\n"
     + POSES
@@ -22,7 +22,7 @@ def family(parameters="", beside="", map_file="room", poses=POSES):
 @each_row(
     ("text", "places"),
     [
-        (family("  - robot_radius: -1.0\n  - inflation_radus: 0.5\n  - controller: 3\n"), "7:19 8:5 9:17"),
+        (family("  - robot_radius: 30.0\n  - inflation_radus: 0.5\n  - controller: 3\n"), "7:19 8:5 9:17"),
         (family("  - number_of_loops: '@gone'\n" + TWO_LOW), "7:22 8:19 9:5"),
         (family("  - robot_radius: 99.0\n  - amcl.alpha1: -3.0\n  - robot_raduis: 0.2\n"), "7:19 8:18 9:5"),
         (family(TWO_LOW, map_file="none"), "4:15 7:19 8:5"),
@@ -30,13 +30,13 @@ def family(parameters="", beside="", map_file="room", poses=POSES):
         (family(TWO_LOW, poses=POSES.replace("x: 1.5", "x: 9.0")), "6:16 7:19 8:5"),
         (family("", "  robot: {mass: -1, speed: 3, drive: 7}\n"), "7:17 7:21 7:38"),
         (family("  - inflation_radus: 0.5\n", "  robot: {mass: -1, lidar: {range_min: 2, range_max: 1}}\n"), "7:5 8:3 8:17"),
-        (family("", "  variations:\n  - Path: {}\n  - ParameterVariationList: {name: robot_radius, values: [-4], s: 1}\n"), "8:5 9:64"),
-        (family("", "  variations:\n  - ParameterVariationList: {name: robot_radius, values: [-4]}\n  - Path: {}\nverion: 1\n"), "8:59 9:5 10:1"),
+        (family("", "  variations:\n  - Path: {}\n  - ParameterVariationList: {name: robot_radius, values: [40], s: 1}\n"), "8:5 9:64"),
+        (family("", "  variations:\n  - ParameterVariationList: {name: robot_radius, values: [40]}\n  - Path: {}\nverion: 1\n"), "8:59 9:5 10:1"),
         (family() + "execution: {runs: many, timout: 3, timeout: -4}\n", "7:19 7:25 7:45"),
         (family() + "execution: {scenario_file: gone.osc, nav2_params: none.yaml, runs: 0}\n", "7:28 7:51 7:68"),
         (family("  - inflation_radus: 0.5\n") + "execution: {nav2_params: nav2.yaml}\n", "1:34 1:48 7:5"),
         (family() + "evaluation: {oracles: [safty, success: {allow_mised: 1, allow_missed: 7}]}\n", "7:24 7:54 7:71"),
-        (family("  - robot_radius: -1.0\n") + "evaluation: {oracles: [safty]}\nexecution: {run: 3}\n", "7:19 8:24 9:13"),
+        (family("  - robot_radius: 30.0\n") + "evaluation: {oracles: [safty]}\nexecution: {run: 3}\n", "7:19 8:24 9:13"),
         (f"constraints:\n- a: 'robot_radus < 1'\n- b: '1 <'\n- c: 3\n{family()}", "2:7 3:10 4:6"),
         (f"constraints:\n- a: 'robot_radus < 1'\n{family(TWO_LOW)}", "2:7 9:19 10:5"),
         (f"verion: 1\ngeneral: 4\nmetadata: 5\n{family()}", "1:1 2:10 3:11"),
@@ -48,7 +48,7 @@ def family(parameters="", beside="", map_file="room", poses=POSES):
 )  # fmt: skip
 def test_campaign_file_with_three_mistakes_tells_all(tmp_path, text, places):
     write_map(tmp_path / "maps", "room")
-    (tmp_path / "nav2.yaml").write_text("amcl: {ros__parameters: {alpha1: -5.0, alpah2: 0.2}}\n")
+    (tmp_path / "nav2.yaml").write_text("amcl: {ros__parameters: {alpha1: fast, alpah2: 0.2}}\n")
     (file := tmp_path / "c.vast").write_text(text)
     with pytest.raises(FileError, match=":") as caught:
         read_campaign(file)

@@ -181,7 +181,7 @@ def test_export_takes_patterns_of_families_and_configurations(results, tmp_path)
         assert [suite.name for suite in export(results, folder, patterns).suites] == names
         assert sorted(path.name for path in folder.glob("room*")) == names
     for pattern, hint in (("rom-1", "Did you mean 'room-1'"), ("kitchen*", "Expected one of room, room-1, room-2")):
-        words = re.escape(f"no family or configuration matches {pattern!r}; {hint}")
+        words = re.escape(f"No family or configuration matches {pattern!r}. {hint}")
         with pytest.raises(UnusableDirectory, match=words):
             export(results, tmp_path / "none", ["room-1", pattern])
     assert not (tmp_path / "none").exists()

@@ -71,7 +71,7 @@ def test_geometry_writes_notes_to_stderr(plan):
     plan.write_text(plan.read_text().replace("spaced", "translation: y: 3 m").replace("translation: x: 0.25 m", ""))
     result = run("geometry", plan)
     assert json.loads(result.stdout)
-    assert "warning: Entryway door: it does not reach corridor.walls[1]" in result.stderr
+    assert "warning: Entryway door: It does not reach corridor.walls[1]" in result.stderr
 
 
 def test_variations_writes_plan_for_each_seed(plan, tmp_path):
@@ -90,7 +90,7 @@ def test_variations_reports_numbers_without_building_and_writes_the_others(plan,
     assert result.exit_code == 0 and 0 < written < 6
     reports = result.stderr.splitlines()
     assert len(reports) == 6 - written
-    assert re.search(r"\.variation: not written: flat_\d.fpm:\d+:\d+: Entryway door: the width is -7 m", reports[0])
+    assert re.search(r"\.variation: not written: flat_\d.fpm:\d+:\d+: Entryway door: The width is -7 m", reports[0])
 
 
 def test_variations_warns_of_door_beside_its_wall(plan, tmp_path):
@@ -100,7 +100,7 @@ def test_variations_warns_of_door_beside_its_wall(plan, tmp_path):
     file.write_text(file.read_text().replace(f"{door}normal(mean=0.0, std=0.1)", f"{door}uniform([9.0])"))
     result = run("variations", file, "--seed", 7, "--out", tmp_path / "v")
     assert (result.exit_code, result.stdout.strip()) == (0, str(tmp_path / "v" / "flat_7.fpm"))
-    assert re.match(rf"{tmp_path}/v/flat_7.fpm:\d+:\d+: warning: Entryway door: it cuts nothing: ", result.stderr)
+    assert re.match(rf"{tmp_path}/v/flat_7.fpm:\d+:\d+: warning: Entryway door: It cuts nothing", result.stderr)
 
 
 def test_floorplan_refuses_wrong_arguments(plan, tmp_path, monkeypatch, golden):

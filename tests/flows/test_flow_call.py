@@ -51,8 +51,8 @@ class Flow:
         return Completed()
 
 
-EMBEDDED = "Prefect's embedded API failed (Failed to reach API); see {log}"
-CONFIGURED = "Prefect's API at http://lab:4200/api failed (Failed to reach API); start it (`prefect server start`), "
+EMBEDDED = "Prefect's embedded API failed (Failed to reach API). See {log}"
+CONFIGURED = "Prefect's API at http://lab:4200/api failed (Failed to reach API). Start it (`prefect server start`), "
 
 
 @each_row(

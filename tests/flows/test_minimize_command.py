@@ -214,7 +214,7 @@ def test_candidate_copies_filter_mask(failing, tmp_path):
         assert {"keepout_mask/rooms.yaml", "keepout_mask/rooms.pgm"} <= built.inputs.files.keys()
         without = Candidate(frozenset(each for each in whole.kept if each.key != "keepout_mask"))
         for build in (built.candidates(made).scenario, files.built):
-            with pytest.raises(NotBuilt, match="the keepout filter of the global_costmap has no mask"):
+            with pytest.raises(NotBuilt, match="The keepout filter of the global_costmap has no mask"):
                 build(without)
 
 

@@ -127,7 +127,7 @@ def test_run_without_configurations_counts_rejections_and_exclusions(campaign, t
     file = campaign(path="num_paths: 2", lengths="[3.0, 500.0]", family="constraints: [short: path_length < 1]")
     result = called("plan", file)
     assert result.exit_code == 2 and "PathVariationRandom rejects 2 of family 'room'" in result.stderr
-    assert "constraints exclude 2 of family 'room': 2 × short" in result.stderr
+    assert "Constraints exclude 2 of family 'room': 2 × short" in result.stderr
 
 
 def test_validate_proves_path_length_infeasible(campaign):

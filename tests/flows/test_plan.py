@@ -107,7 +107,7 @@ RUNS = ("dry.vast", "runs: 2", "runs: 5")
 LEAST = ("dry.vast", "least_m: 0.1", "least_m: 0.2")
 FRONT = ("dry.vast", "configuration:\n", "configuration:\n" + FAMILY)
 
-GATHERED = "all verdicts are in the store, but causes of failures follow from them anew"
+GATHERED = "all verdicts are in the store, only causes of failures follow anew"
 
 NOTHING = (0, 0, 0, 0)
 CASES = {

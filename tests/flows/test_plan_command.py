@@ -147,7 +147,7 @@ def test_estimate_uses_straight_line_without_path_up_to_timeout(small_room):
     assert estimate_of(configurations, three, timeout_s=1.5, cores=1).simulated_s == 2 * 3 * 1.5
     assert "estimate: about" in " ".join(planned(small_room).stdout.split())
     assert Estimate(10.0, 300.0, 1).how == (
-        "each run its path at 0.3 m/s, 300 s at most, 1 core of 200 times real time each; "
+        "each run its path at 0.3 m/s, 300 s at most, 1 core of 200 times real time each, "
         "without Prefect's start and compilation"
     )
 
@@ -157,6 +157,6 @@ def test_plan_reports_faults_as_validate_does(small_room, rich_room, tmp_path):
     assert refused("plan", small_room, "--out", tmp_path / "taken").startswith("--out ")
     text = rich_room.read_text()
     rich_room.write_text(text.replace("percentage < 0.8", "percentage > 2"))
-    assert "the constraints leave nothing of family 'room'" in refused("plan", rich_room)
+    assert "The constraints leave nothing of family 'room'" in refused("plan", rich_room)
     small_room.write_text(text.replace("  runs: 2", "  rums: 2"))
     assert refused("plan", small_room) == refused("validate", small_room)

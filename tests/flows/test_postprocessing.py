@@ -127,12 +127,12 @@ def test_plug_in_works_on_a_copy_and_writes_below_one_folder(campaign):
         ("measure/plug.py:Leaves", "its process ended with code 0 without an answer: about to leave"),
         ("measure/plug.py:Forgets", "TypeError: expected (done, message), such as (True, 'wrote 3 files'), got None"),
         ({"measure/plug.py:Raises": {"speed": 1}}, "TypeError: Raises.__call__() got an unexpected keyword"),
-        ("measure/gone.py:Raises", "got 'measure/gone.py:Raises', and there is no such file"),
+        ("measure/gone.py:Raises", "there is no file 'measure/gone.py'"),
         ("measure/plug.py:Gone", "no class 'Gone' in measure/plug.py"),
-        ("rosbag_to_csv", "no step is called 'rosbag_to_csv'; did you mean 'rosbags_to_csv'?"),
-        ({"command": {"script": "gone.sh"}}, "got the script 'gone.sh', and there is no such file"),
+        ("rosbag_to_csv", "Unknown step 'rosbag_to_csv'. Did you mean 'rosbags_to_csv'?"),
+        ({"command": {"script": "gone.sh"}}, "there is no script 'gone.sh'"),
         ({"command": {"script": "note.sh", "args": [7]}}, "ended with code 7"),
-        ("command", "a command without a script; script: FILE"),
+        ("command", "'script' is missing. Name the file"),
     ],
 )
 def test_failed_step_is_a_fault_and_others_run(campaign, step, message):

@@ -100,7 +100,7 @@ def test_run_of_directory_keeps_its_selection(small_room, tmp_path, tree, asked_
 
 def test_run_of_directory_refuses_option_that_is_gone(small_room, tmp_path, tree):
     directory = written(small_room, tmp_path / "results", tree, as_v1=True)
-    assert "it was run with --as-v1, which is gone; write placement: as_v1" in refused("run", directory)
+    assert "It was run with --as-v1, which is gone. Write placement: as_v1" in refused("run", directory)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_run_finds_incomplete_directory_by_either_name(half, directory, asked_ag
     me = psutil.Process()
     writer = {"host": os.uname().nodename, "pid": me.pid, "began_s": me.create_time()}
     (half / WRITER).write_text(json.dumps(writer))
-    assert f"process {me.pid} is writing it" in refused("run", directory)
+    assert f"Process {me.pid} is writing it" in refused("run", directory)
     (half / WRITER).unlink()
     (half / "metadata.json").unlink()
     assert "campaign directory is incomplete. Give `vastflow run`" in refused("run", half)

@@ -211,9 +211,9 @@ def test_metric_of_oracle_is_objective(run):
 @each_row(
     ("oracle", "metric", "only", "fault"),
     [
-        ("own.py:Pocket", "badness", "point-0001", "search: expected no --only, since a search proposes"),
-        ("safety", "x", None, "search.extract.params.badness.oracle: no oracle 'safety' judges this campaign"),
-        ("own.py:Pocket", "bad", None, "badness.metric: no metric 'bad' of oracle own.py:Pocket; did you mean"),
+        ("own.py:Pocket", "badness", "point-0001", "search: --only does not go with a search, which proposes"),
+        ("safety", "x", None, "search.extract.params.badness.oracle: No oracle 'safety' judges this campaign"),
+        ("own.py:Pocket", "bad", None, "badness.metric: No metric 'bad' of oracle own.py:Pocket. Did you mean"),
     ],
 )
 def test_search_refuses_selection_and_unknown_numbers(place, oracle, metric, only, fault):

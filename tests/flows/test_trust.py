@@ -70,9 +70,9 @@ def test_minimize_executes_nothing_without_permission(foreign, canary):
 
 
 def test_permission_is_a_private_record_of_this_content_alone(foreign, state):
-    with pytest.raises(NotPermitted, match="expected your permission: --trust"):
+    with pytest.raises(NotPermitted, match=r"neither made nor permitted: .*Permit it by --trust"):
         permitted_contents(foreign)
-    with pytest.raises(NotPermitted, match="expected your permission"):
+    with pytest.raises(NotPermitted, match="neither made nor permitted"):
         permitted_contents(foreign, "of something else")
     digest = foreign_code(foreign).digest
     contents = permitted_contents(foreign, digest)
@@ -92,7 +92,7 @@ def test_edit_of_executed_code_asks_again(foreign, place):
     permitted_contents(foreign)
     with (foreign / place).open("ab") as file:
         file.write(b"\n")
-    with pytest.raises((NotPermitted, UnusableDirectory), match=r"permission|damaged"):
+    with pytest.raises((NotPermitted, UnusableDirectory), match=r"permitted|damaged"):
         permitted_contents(foreign)
 
 
@@ -199,7 +199,7 @@ def test_permission_goes_with_the_content_to_another_folder(foreign, tmp_path):
 
 
 def test_minimize_of_the_python_api_asks_too(foreign, canary):
-    with pytest.raises(NotPermitted, match=r"my_pursuit\.py.*expected your permission"):
+    with pytest.raises(NotPermitted, match=r"neither made nor permitted: .*my_pursuit\.py"):
         minimize_configuration(foreign, "room")
     assert executed(canary) == []
 

@@ -471,7 +471,7 @@ def test_finished_directory_is_opened_with_summary_and_plot(synthetic_campaign, 
     assert (found.directory, found.summary.passed, found.summary.oracles["success"]) == (directory, 1, Counts(1))
     assert (found.faults[0].error, found.notes, len(found.frame())) == ("MemoryError", ("a note",), 1)
     assert found.plot()._repr_png_().startswith(b"\x89PNG")
-    with pytest.raises(UserError, match="no such folder"):
+    with pytest.raises(UserError, match="No such folder"):
         vastflow.open(tmp_path / "gone")
     (directory / "metadata.json").write_text('{"counts": 3, "faults": [], "notes": []}')
     with pytest.raises(UserError, match=str(directory)):

@@ -134,8 +134,8 @@ def file(narrow, tmp_path):
 def test_placement_note_is_present_unless_chosen_or_unneeded(file):
     (note,) = load_campaign(file).notes
     assert str(note).endswith(
-        "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does "
-        "placement: as_v1"
+        "Obstacles keep clear of walls and of each other. Version 1 of RoboVAST places them otherwise, as does "
+        "placement: as_v1."
     )
     text = file.read_text()
     for changed in ("seed: 1, placement: as_v1", "seed: 1, placement: constructive", "amount_per_m: 0"):

@@ -48,8 +48,8 @@ def test_map_whose_unknown_cells_are_free_is_noted_once(family):
     (note,) = load_campaign(file).notes
     assert (note.place.line, note.kind) == (5, "warning")
     assert str(note).endswith(
-        ".map_file: cells of the gray of unknown ones, 205, are free, as for map_server: 6,200; "
-        "with free_thresh: 0.196 they are unknown, and no path leads there"
+        ".map_file: Cells of the gray of unknown ones, 205, are free, as for map_server: 6,200. "
+        "With free_thresh: 0.196 they are unknown, and no path leads there."
     )
 
 

@@ -125,7 +125,7 @@ def test_several_goals_are_visited_in_turn(load: Load, goals: str, given: str) -
 
 def test_omitted_spawn_objects_are_none(load: Load) -> None:
     campaign = load(GOAL + MAP, own="    static_objects: list of spawn_entity\n")
-    assert said(campaign) == ["The scenario takes static_objects, which nothing writes. It spawns none of them there."]
+    assert said(campaign) == ["The scenario takes static_objects, which nothing writes. It spawns none of them."]
 
 
 def test_family_without_goals_is_unavailable(load: Load) -> None:

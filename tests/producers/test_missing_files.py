@@ -62,7 +62,7 @@ def test_family_with_missing_file_is_unavailable_with_fault(loaded, family, what
     ("families", "faults"),
     [
         ({"parameters": "map_file: gone.yaml", "first": "map_file: lost.yaml"}, ["lost.yaml", "gone.yaml"]),
-        ({"parameters": "map_file: gone.yaml, robot_radius: -1"}, ["gone.yaml", "got -1"]),
+        ({"parameters": "map_file: gone.yaml, robot_radius: 30"}, ["gone.yaml", "got 30"]),
         ({"parameters": "map_file: no-map.yaml"}, ["expected a mapping with image"]),
     ],
 )

@@ -1,4 +1,4 @@
-"""Run the script of the page "Run on a cluster" on a real SLURM of this machine, and compare the results with those of one process.
+"""Run the docs' script on a real SLURM of this machine, and compare the results with those of one process.
 
 munged, slurmctld, and slurmd run in a folder of their own. SLURM's one node claims ten cores, whatever this machine has, so of the
 hundred jobs of the page's script ten run and ninety wait. The script is taken from the page; what differs on each cluster is

@@ -55,7 +55,7 @@ def test_compare_succeeds_where_the_relation_holds(made):
         ("compare", {"left_value": 1, "operator": "=>", "right_value": 2}, "expected one of ==, !=, <, .*, got '=>'"),
         ("compare", {"left_value": 1, "operator": "<", "right_value": "a"}, "1 and 'a' can't be compared by <"),
         ("increment", {"target_variable": "ready"}, "ready: expected a number to count, got True"),
-        ("increment", {"target_variable": "cuont"}, r"cuont is no variable with a value; did you mean 'count'\?"),
+        ("increment", {"target_variable": "cuont"}, r"'cuont' is not a variable with a value\. Did you mean 'count'\?"),
         ("random.get_int", (6, 1), "the lower bound comes first, got 6 and 1"),
         ("random.get_float", (1.0, 0.5), "the lower bound comes first"),
         ("random.get_random_string", ([],), "at least one item"),

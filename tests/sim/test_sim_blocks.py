@@ -125,7 +125,7 @@ def test_columns_are_read_alone():
 def test_block_rejects_older_format():
     out = io.BytesIO()
     pq.write_table(pa.table({"run_index": [0]}, metadata={"vastflow.runs": "[{}]"}), out)
-    with pytest.raises(ValueError, match="a block that another version of vastflow wrote"):
+    with pytest.raises(ValueError, match="Another version of vastflow wrote this block"):
         read_block(out.getvalue())
 
 

@@ -65,7 +65,7 @@ def test_different_values_have_different_digests(values):
     [
         ({"a": [float("nan")]}, ValueError, "NaN has no digest"),
         ({1: 2}, TypeError, "key must be text, got 1"),
-        *((value, TypeError, "has no canonical form; use None, bool, int") for value in ({1, 2}, b"bytes", object())),
+        *((value, TypeError, "has no canonical form. Use None, bool, int") for value in ({1, 2}, b"bytes", object())),
     ],
 )
 def test_value_without_a_canonical_form_is_refused(value, error, message):

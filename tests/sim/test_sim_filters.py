@@ -55,7 +55,7 @@ def mask(values, resolution_m=RESOLUTION_M, origin_xy_m=(0.0, 0.0), yaw_rad=0.0)
 
 
 def test_filter_without_a_mask_is_refused_with_the_line_that_would_be_right():
-    expected = r"keepout_mask: the keepout filter of the global_costmap has no mask; 'keepout_mask: keepout.yaml'"
+    expected = r"keepout_mask: The keepout filter of the global_costmap has no mask. Add 'keepout_mask: keepout.yaml'"
     with pytest.raises(ScenarioError, match=expected):
         masks_of({}, interpretation(parse(FILE, "n.yaml")).parameters)
 
@@ -80,7 +80,9 @@ class Misnamed(Controller):
 def test_speed_filter_beside_a_controller_without_right_limits_is_a_fault(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     text = FILE + "controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: 'own.py:Unlimited'}}"
-    expected = r"filters: expected a controller with speed_limits\(\), or no speed filter, got .*Unlimited"
+    expected = (
+        r"filters: The speed filter can't limit the controller Unlimited\. Choose a controller with speed_limits\(\)"
+    )
     with pytest.raises(FileError, match=expected):
         interpretation(parse(text, str(tmp_path / "n.yaml")))
     controller = find_controller("own.py:Misnamed", tmp_path)()

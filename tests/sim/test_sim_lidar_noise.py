@@ -91,10 +91,13 @@ def test_edited_noise_model_changes_execute_key(configurations, folder):
 @each_row(
     ("noise", "message"),
     [
-        ("{model: gausian_dropout}", "did you mean 'gaussian_dropout'?"),
-        ("{model: other_noise.py:RangeNoise}", "expected one of gaussian_dropout; file.py:Class for one of your own"),
-        ("{model: range_noise.py:RangeNose}", "did you mean 'RangeNoise'?"),
-        ("{model: range_noise.py:RangeNoise, std_per: 0.1}", "did you mean 'std_per_m'?"),
+        ("{model: gausian_dropout}", "Did you mean 'gaussian_dropout'?"),
+        (
+            "{model: other_noise.py:RangeNoise}",
+            "Expected one of gaussian_dropout, or file.py:Class for one of your own",
+        ),
+        ("{model: range_noise.py:RangeNose}", "Did you mean 'RangeNoise'?"),
+        ("{model: range_noise.py:RangeNoise, std_per: 0.1}", "Did you mean 'std_per_m'?"),
         ("{model: range_noise.py:RangeNoise, std_per_m: 3}", "std_per_m: expected a number in [0, 1], got 3"),
     ],
 )

@@ -56,8 +56,8 @@ def test_obstacles_are_entries_with_a_spawn_pose_in_order_of_keys():
 @each_row(
     ("model", "arguments", "message"),
     [
-        ("box", "w:=3", "it: a box has no argument 'w'; it has width, length, height, box_width"),
-        ("cylinder", "box_width:=0.3", "a cylinder has no argument 'box_width'; it has diameter, radius"),
+        ("box", "w:=3", "it: a box has no argument 'w'. It has width, length, height, box_width"),
+        ("cylinder", "box_width:=0.3", "a cylinder has no argument 'box_width'. It has diameter, radius"),
         *(("box", text, f"size greater than 0, such as width:=0.5, got '{text}'") for text in NO_SIZES),
     ],
 )

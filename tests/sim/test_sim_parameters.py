@@ -147,7 +147,7 @@ def test_file_that_changed_since_it_was_read_is_refused(tmp_path):
     file.write_text("amcl: {ros__parameters: {pf_err: 0.07}}")
     content = nav2_file(file)
     file.write_text("amcl: {ros__parameters: {pf_err: 0.08}}")
-    with pytest.raises(ValueError, match=r"other.yaml changed since the campaign was read.* run the campaign again"):
+    with pytest.raises(ValueError, match=r"other.yaml changed since the campaign was read.* Run the campaign again"):
         parameters_of({"nav2_params": content})
 
 

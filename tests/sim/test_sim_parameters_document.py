@@ -81,7 +81,7 @@ def test_values_are_read_as_ros_2_parses_what_launch_files_write(text, value):
 
 
 def test_second_document_is_refused_as_by_nav2s_launch_files():
-    assert "2:1: file: expected one, as Nav2's launch files take no more, got a second YAML document" in fault(
+    assert "2:1: expected one document, as Nav2's launch files take no more, got a second YAML document" in fault(
         "a: {ros__parameters: {b: 1}}\n---\na: {ros__parameters: {b: 2}}"
     )
     assert values("---\na: {ros__parameters: {b: 1}}\n...\n")

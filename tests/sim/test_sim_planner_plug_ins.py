@@ -59,8 +59,8 @@ def test_robot_drives_by_page_planner(folder, two_rooms_map):
 @each_row(
     ("edit", "message"),
     [
-        ("most_cost|most_cots", "did you mean 'most_cost'?"),
-        ("Wavefront|Wavefrunt", "did you mean 'Wavefront'?"),
+        ("most_cost|most_cots", "Did you mean 'most_cost'?"),
+        ("Wavefront|Wavefrunt", "Did you mean 'Wavefront'?"),
         ("my_wavefront.py:Wavefront|nav2_navfn_planner::NavFnPlanner", "mean 'nav2_navfn_planner::NavfnPlanner'?"),
     ],
 )

@@ -198,7 +198,7 @@ def test_map_is_handed_to_programs_with_its_picture_unless_it_changed(tmp_path):
             assert load_map(place / name).digest == content.digest
         assert run.close().outputs.files == {}
     (folder / "hall.pgm").write_bytes(b"P5 2 2 255\n" + bytes(4))
-    changed = r"map_file: '.*hall\.yml' changed since the campaign was read; run it again"
+    changed = r"map_file: '.*hall\.yml' changed since the campaign was read. Run it again"
     with (
         pytest.raises(ScenarioError, match=changed),
         process_run(ProcessSetup(), {"map_file": content}, where=tmp_path),

@@ -96,7 +96,7 @@ def test_background_process_of_the_pre_command_runs_until_the_end(begun, campaig
     [
         (None, r": there is no file 'pre\.sh'"),
         ("echo no licence; false", r" 'pre\.sh' exited with code 1: no licence"),
-        ("exit 0", r" 'pre\.sh' left the shell that sources it; it must not call exit"),
+        ("exit 0", r" 'pre\.sh' left the shell that sources it. It must not call exit"),
         ("kill -9 $$", r" 'pre\.sh' was ended by SIGKILL"),
     ],
 )

@@ -88,7 +88,7 @@ def test_several_checkers_count_where_the_tree_is_a_users(tree, is_followed):
         ),
     ],
 )
-def test_plug_in_that_no_tree_of_nav2s_asks_for_is_used_with_a_warning(text, tree, words):
+def test_plug_in_that_no_tree_asks_for_is_used_with_warning(text, tree, words):
     found = interpretation(
         parse(f"{text}\nbt_navigator: {{ros__parameters: {{default_nav_to_pose_bt_xml: '{tree}'}}}}")
     )
@@ -110,7 +110,7 @@ def test_plug_in_that_no_tree_of_nav2s_asks_for_is_used_with_a_warning(text, tre
         ("own: []", "expected items, or no such line, as the node ends otherwise"),
         ("progress_checker_plugins: []", "expected items"),
         ("publish_zero_velocity: null", "expected true or false, as the node ends otherwise, got nothing"),
-        (f"controllers: [Base], Base: {RPP}", "no controller_plugins names it; controller_plugins: [Base]"),
+        (f"controllers: [Base], Base: {RPP}", "No controller_plugins names it. Add 'controller_plugins: [Base]'"),
     ],
 )
 def test_file_with_which_a_node_ends_is_refused(text, words):

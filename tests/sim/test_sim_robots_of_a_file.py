@@ -64,9 +64,12 @@ def test_namespace_chooses_the_robot(file_of, parts, namespace, radius_m):
 
 def test_unknown_namespace_is_an_error(file_of):
     content = file_of("nav2.yaml", SMALL, LARGE)
-    with pytest.raises(FileError, match=r"robot.namespace: expected one of /robot1, /robot2, got 'robot3'"):
+    with pytest.raises(
+        FileError,
+        match=r"robot.namespace: The Nav2 parameters have no node in 'robot3'. Expected one of /robot1, /robot2",
+    ):
         parameters_of({"nav2_params": content, "robot.namespace": "robot3"})
-    with pytest.raises(FileError, match=r"expected one of /, got 'robot1'"):
+    with pytest.raises(FileError, match=r"no node in 'robot1'. Expected one of /"):
         parameters_of({"robot.namespace": "robot1"})
 
 

@@ -160,8 +160,8 @@ def test_obstacle_appears_at_once_if_near_and_never_if_far(scenario, obstacle, t
     ("changes", "error", "message"),
     [
         ({"map_file": "map.yaml"}, ScenarioError, "expected a map file that the campaign names, got 'map.yaml'"),
-        ({"robot_radius": -1}, ValueError, r"robot_radius: expected a number in \["),
-        ({"map_file": None}, ScenarioError, "map_file: .* changed since the campaign was read; run the campaign again"),
+        ({"robot_radius": 30}, ValueError, r"robot_radius: expected a number in \["),
+        ({"map_file": None}, ScenarioError, "map_file: .* changed since the campaign was read. Run the campaign again"),
     ],
 )
 def test_unexecutable_scenario_has_reason(scenario, two_rooms, changes, error, message):

@@ -129,7 +129,7 @@ def test_file_is_stored_once_for_all_bundles(store, home):
 def test_bundle_that_lost_file_is_error_of_store(store, home):
     bundle = Packer(store).packed(scenario(home))
     store.remove([file_key(home / "nav2.yaml")])
-    with pytest.raises(StoreError, match="expected a folder that all machines share"):
+    with pytest.raises(StoreError, match="Expected a folder that all machines share"):
         bundle.opened(store)
     assert Packer(store).packed(scenario(home)).opened(store).digest == scenario(home).digest
 

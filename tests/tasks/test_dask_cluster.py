@@ -126,7 +126,7 @@ def _full():
 def test_worker_without_writable_cache_ends_everything(opened, tmp_path, monkeypatch):
     executor = opened()
     monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
-    with pytest.raises(StoreError, match=r"^on \S+: can't write to '/dev/null/vastflow' .* set XDG_CACHE_HOME to"):
+    with pytest.raises(StoreError, match=r"^on \S+: can't write to '/dev/null/vastflow' .* Set XDG_CACHE_HOME to"):
         execute(executor, len, "ab").result(60)
 
 
@@ -304,7 +304,7 @@ def _busy(spent):
 
 
 @pytest.mark.parametrize("before", [False, True])
-def test_cpu_time_of_units_on_workers_of_others_is_counted_with_what_they_prepare(opened, tmp_path, before):
+def test_cpu_time_of_workers_elsewhere_includes_their_preparation(opened, tmp_path, before):
     executor = opened()
     if before:
         executor.prepare(_busy, tmp_path / "spent")

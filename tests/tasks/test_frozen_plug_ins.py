@@ -210,7 +210,7 @@ def test_undeclared_data_is_a_fault_that_names_the_line_to_add(home, top, read, 
     (home / "limit.json").write_text("1")
     path = BESIDE if place == "beside" else repr(str(home / "limit.json"))
     write(home, top, read.format(path=path))
-    right = r"own\.py reads 'limit\.json', which it does not declare.*; add the line files = \[\"limit\.json\"\] to the plug-in's class"
+    right = r"own\.py reads 'limit\.json', which it does not declare.*Add the line files = \[\"limit\.json\"\] to the plug-in's class"
     with pytest.raises(PlugInError, match=right):
         said(oracle(home))
 
@@ -226,7 +226,7 @@ def test_plug_in_that_swallows_error_is_a_fault(home):
     (home / "limit.json").write_text("1")
     top = f"def limit():\n    try:\n        return open({BESIDE}).read()\n    except Exception:\n        return 9"
     write(home, top, "limit()")
-    with pytest.raises(PlugInError, match=r"add the line files = \[\"limit\.json\"\]"):
+    with pytest.raises(PlugInError, match=r"Add the line files = \[\"limit\.json\"\]"):
         said(oracle(home))
 
 
@@ -265,7 +265,7 @@ def test_folders_patterns_and_files_above_can_be_declared(home, declared, read):
 @pytest.mark.parametrize(
     ("declared", "message"),
     [
-        ('["absent.json"]', r"no file 'absent\.json' of its files; a file beside"),
+        ('["absent.json"]', r"own\.py declares 'absent\.json' in files\. There is none beside"),
         ("[name for name in ()]", r"expected names of files, such as files = .*, got files = \[.* in line 8"),
         ('["/etc/passwd"]', r"expected a path relative to the plug-in's folder, got '/etc/passwd' in files"),
     ],
@@ -354,7 +354,7 @@ def test_notebooks_helpers_and_files_are_frozen_too(home):
 
 def test_undeclared_file_of_notebook_is_a_fault(home):
     (home / "limit.json").write_text("2")
-    with pytest.raises(PlugInError, match=r"add the line files = \[\"limit\.json\"\] to a code cell"):
+    with pytest.raises(PlugInError, match=r"Add the line files = \[\"limit\.json\"\] to a code cell"):
         said(notebook(home, 'LIMIT = int(open("limit.json").read())'))
 
 

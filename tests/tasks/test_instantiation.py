@@ -148,7 +148,7 @@ def test_missing_map_is_a_fault_of_one_family(campaign, instantiator):
     (fault,) = found.faults
     assert fault.family == "yard"
     assert re.fullmatch(
-        r"yard: .*x\.vast:10:\d+: configuration\[1\]\.parameters\[2\]\.map_file: .*room2\.yaml: no such file; .*",
+        r"yard: .*x\.vast:10:\d+: configuration\[1\]\.parameters\[2\]\.map_file: .*room2\.yaml: No such file. .*",
         str(fault),
     )
     assert fault.concerns("yard-1")

@@ -46,7 +46,7 @@ def test_damaged_database_is_set_aside_with_its_cause(database, damaged, said):
     database.with_name("prefect.db-wal").write_bytes(b"")
     found = set_aside_if_damaged(url(database), NOW)
     assert found.startswith(f"Prefect's database {database} is damaged (")
-    assert found.endswith(f"it is now {ASIDE}, and a new one is made")
+    assert found.endswith(f"It is now {ASIDE}, and a new one is made")
     assert re.search(said, found)
     assert not database.exists() and not database.with_name("prefect.db-wal").exists()
     assert database.with_name(ASIDE).read_bytes() == content

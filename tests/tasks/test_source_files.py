@@ -73,7 +73,7 @@ def test_process_stores_nothing_after_importing_an_edited_file(worker, package):
     assert turn() == "stored"
     said = turn(lambda: (package / "two.py").write_text("VALUE = 2\n"))
     assert said.startswith(
-        f"store: {package / 'two.py'} changed while the campaign ran, so nothing more of it is kept; "
+        f"store: {package / 'two.py'} changed while the campaign ran, so nothing more of it is kept. "
     )
     assert turn() == said
 

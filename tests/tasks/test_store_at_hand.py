@@ -41,7 +41,7 @@ def test_campaign_on_s3_is_shown_and_exported_like_a_folder(
     (tmp_path / "nothing.osc").write_text(SCENARIO)
     run = called("run", tmp_path / "nothing.vast", "--results", "s3://bucket/shown", "--store", tmp_path / "store")
     assert run.exit_code == 0, run.output
-    (address,) = re.findall(r"uploaded to (\S+);", run.stdout)
+    (address,) = re.findall(r"uploaded to (\S+) ", run.stdout)
     (folder,) = (tmp_path / "store" / "results").iterdir()
 
     here, there = called("show", folder), called("show", f"{address}/")
@@ -75,7 +75,7 @@ def test_address_of_several_campaigns_suggests_one(kept, tmp_path, command):
     result = called(command, "s3://bucket/some", *[tmp_path / "out"] * (command == "export"))
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr == (
-        "s3://bucket/some: holds 2 campaign directories; name one of them, such as s3://bucket/some/nothing-2\n"
+        "s3://bucket/some: It holds 2 campaign directories. Name one of them, such as s3://bucket/some/nothing-2\n"
     )
 
 
@@ -83,7 +83,7 @@ def test_empty_address_is_reported_in_one_sentence(kept):
     kept("s3://bucket/other", report_html=b"<html>")
     with (
         pytest.raises(
-            UnusableDirectory, match=r"s3://bucket/other: not a campaign directory, there is no metadata\.json"
+            UnusableDirectory, match=r"s3://bucket/other: This is not a campaign directory, as it has no metadata\.json"
         ),
         at_hand("s3://bucket/other"),
     ):
@@ -99,7 +99,7 @@ def test_commands_refuse_addresses_and_name_alternatives(command):
     result = called(*(word.replace("ADDRESS", address) for word in command))
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr == (
-        f"{address}: only `vastflow show` and `vastflow export` read an address; copy it into a folder first\n"
+        f"{address}: Only `vastflow show` and `vastflow export` read an address. Copy it into a folder first.\n"
     )
 
 

@@ -86,7 +86,7 @@ def test_copies_of_earlier_days_go(store, shared_s3, s3_variables):
     ("address", "said"),
     [
         ("s3://no-such-bucket/x", "results: can't use 's3://no-such-bucket/x'"),
-        ("nowhere://x", "give a folder, or an address such as s3://bucket/prefix"),
+        ("nowhere://x", "Give a folder, or an address such as s3://bucket/prefix"),
     ],
 )
 def test_unwritable_address_is_refused_before_computing(tmp_path, shared_s3, s3_variables, address, said):

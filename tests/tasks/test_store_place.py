@@ -68,7 +68,7 @@ def test_unwritable_place_is_named(tmp_path):
     [
         ("nonsense://bucket/store", r"'nonsense://bucket/store' .*Protocol not known.*s3://bucket/prefix"),
         ("memory://store", "expected a folder, or s3://bucket/prefix, got 'memory://store', which no other"),
-        ("abfs://container/store", r"ImportError.*; install what it names"),
+        ("abfs://container/store", r"ImportError.*Install what it names"),
     ],
 )
 def test_impossible_address_is_refused_and_creates_no_folder(tmp_path, monkeypatch, address, words):
@@ -98,15 +98,15 @@ def test_silent_server_is_asked_six_times_and_named(monkeypatch):
 @pytest.mark.parametrize(
     ("key_id", "secret", "address", "words"),
     [
-        ("TESTKEYID", "TESTSECRET", "s3://nowhere/x", r"'s3://nowhere/x' .*bucket does not exist.*make the bucket"),
+        ("TESTKEYID", "TESTSECRET", "s3://nowhere/x", r"'s3://nowhere/x' .*bucket does not exist.*Make the bucket"),
         (
             "TESTKEYID",
             "wrong",
             "s3://bucket/x",
-            r"'s3://bucket/x' \(PermissionError: .*; check the credentials \(AWS_ACC",
+            r"'s3://bucket/x' \(PermissionError: .*Check the credentials \(AWS_ACC",
         ),
-        ("nobody", "TESTSECRET", "s3://bucket/x", r"PermissionError: .*; check the credentials"),
-        (None, None, "s3://bucket/x", r"NoCredentialsError.*; check the credentials"),
+        ("nobody", "TESTSECRET", "s3://bucket/x", r"PermissionError: .*Check the credentials"),
+        (None, None, "s3://bucket/x", r"NoCredentialsError.*Check the credentials"),
     ],
 )
 def test_refused_store_error_has_cause_and_remedy(shared_s3, s3_variables, monkeypatch, key_id, secret, address, words):

@@ -33,7 +33,7 @@ _OF_NAV2: Final = frozenset(
 
 
 def is_users_tree(name: str, value: Value) -> bool:
-    """Whether a parameter of the node names a tree that is none of Nav2's; of a file's name the folder does not matter."""
+    """Whether the node names a tree that is none of Nav2's, whatever its folder."""
     if name not in _TREES or not isinstance(value, str) or not value:
         return False
     return value.rpartition("/")[2].removesuffix(".xml") not in _OF_NAV2

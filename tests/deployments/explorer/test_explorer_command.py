@@ -39,4 +39,4 @@ def test_ui_refuses_a_taken_port(tmp_path):
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = str(taken.getsockname()[1])
-        assert "expected a free port, or 0" in refused("ui", tmp_path, "--no-browser", "--port", port)
+        assert "Choose a free port, or 0" in refused("ui", tmp_path, "--no-browser", "--port", port)

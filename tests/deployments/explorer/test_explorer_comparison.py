@@ -48,7 +48,7 @@ def test_comparison_draws_a_changed_configuration(client, two):
         ({"margin": "-1"}, 400, "Expected a margin of 0 to 100 points"),
         ({"margin": "nan"}, 400, "Expected a margin of 0 to 100 points"),
         ({"target": "all"}, 400, "Expected `these` or `others`"),
-        ({"oracle": "<b>"}, 409, "expected an oracle that judged both campaigns, got &#39;&lt;b&gt;&#39;"),
+        ({"oracle": "<b>"}, 409, "No oracle &#39;&lt;b&gt;&#39; judged both campaigns"),
     ],
 )
 def test_comparison_refuses_wrong_questions_in_a_sentence(client, two, query, status, words):

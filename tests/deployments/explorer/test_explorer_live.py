@@ -172,7 +172,7 @@ def test_stream_of_unknown_campaign_is_an_error(client):
     reply = client.get("/api/events", params={"c": "nothing"})
     assert (reply.status_code, reply.json()) == (
         404,
-        {"error": "No campaign directory has this id; it may have been moved or removed."},
+        {"error": "No campaign directory has this id. It may have been moved or removed."},
     )
 
 
@@ -231,7 +231,7 @@ def test_run_needs_an_index(client, add_campaign, id_of, run):
 
 def test_link_to_a_run_of_an_unfinished_campaign_reads_no_store(client, running, id_of):
     reply = client.get("/live-run", params={"c": id_of(running()), "configuration": "room-1", "run": "0"})
-    assert (reply.status_code, "its live page opens its runs" in reply.text) == (409, True)
+    assert (reply.status_code, "Its live page opens its runs" in reply.text) == (409, True)
 
 
 def test_server_believes_no_place_that_an_unfinished_campaign_names(client, results, id_of, tmp_path):
@@ -240,7 +240,7 @@ def test_server_believes_no_place_that_an_unfinished_campaign_names(client, resu
     for path in ("/", "/live", "/campaign", "/live-run"):
         client.get(path, params=asked)
     reply = client.post("/live-run", params=asked, headers=OWN)
-    assert (reply.status_code, "expected a campaign that you began on this machine" in reply.text) == (409, True)
+    assert (reply.status_code, "Campaigns that you began on this machine" in reply.text) == (409, True)
     assert executed(tmp_path / "canary") == []
 
 

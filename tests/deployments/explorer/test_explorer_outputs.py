@@ -1,4 +1,4 @@
-"""What programs wrote, on the page of a run: a link for each file, and plots of tables."""
+"""Outputs of programs on a run's page: a link for each file, and plots of tables."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_file_of_a_program_is_saved_and_never_shown(client, campaign, id_of):
 @pytest.mark.parametrize(
     "name", ["files/none", "files/secret.txt", "../metadata.json", "/etc/passwd", "files", "0/files/log.txt"]
 )
-def test_no_other_file_is_read_by_a_name(client, campaign, id_of, name):
+def test_name_reads_members_alone(client, campaign, id_of, name):
     assert client.get("/output", params=of(id_of(campaign), name=name)).status_code == 404
 
 

@@ -95,8 +95,8 @@ def test_frames_reply_is_that_of_the_run(client, add_campaign, id_of):
         ({"run": "-1"}, 400, "run: expected a whole number, got '-1'"),
         ({"run": ""}, 400, "run: expected a value in the address, got none"),
         ({"run": 9}, 409, "quiet-1: expected the number of a run, 0 to 3, got 9"),
-        ({"configuration": "../quiet-1"}, 409, "no configuration '../quiet-1'"),
-        ({"configuration": "<script>"}, 409, "no configuration '<script>'"),
+        ({"configuration": "../quiet-1"}, 409, "Unknown configuration '../quiet-1'"),
+        ({"configuration": "<script>"}, 409, "Unknown configuration '<script>'"),
         ({"c": "nowhere"}, 404, "No campaign directory has this id"),
     ],
 )

@@ -146,7 +146,7 @@ def test_directory_with_link_to_the_outside_is_damaged(client, add_campaign, tmp
 def test_socket_listens_on_this_machine_only():
     with listen(0) as listening:
         assert listening.getsockname()[0] == LOOPBACK == "127.0.0.1"
-        with pytest.raises(UserError, match="expected a free port"):
+        with pytest.raises(UserError, match="Choose a free port"):
             listen(listening.getsockname()[1])
 
 
