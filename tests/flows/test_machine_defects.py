@@ -40,12 +40,12 @@ def run(lab, *prefix, **environment):
 @pytest.mark.parametrize(
     ("spoil", "user", "variables", "words"),
     [
-        (READ_ONLY.format("home", "home"), 0, {"HOME": "home", "XDG_CACHE_HOME": ""}, "(Read-only file system); set XDG_"),
+        (READ_ONLY.format("home", "home"), 0, {"HOME": "home", "XDG_CACHE_HOME": ""}, "(Read-only file system). Set XDG_"),
         (READ_ONLY.format("/dev/shm", "/dev/shm"), 0, {}, "can't write to '/dev/shm' (Read-only file system)"),
         (FULL.format("store", "store"), 0, {}, "No space left on device"),
-        (FULL.format("results", "results"), 0, {}, "(No space left on device); make room"),
+        (FULL.format("results", "results"), 0, {}, "(No space left on device). Make room"),
         ("mkdir store && chmod 755 store", 65534, {"XDG_CACHE_HOME": "cache", "PREFECT_HOME": "prefect"}, "store: can't write to"),
-        ("mkdir -m 700 prefect", 65534, {"XDG_CACHE_HOME": "cache", "PREFECT_HOME": "prefect"}, "set PREFECT_HOME to a folder of"),
+        ("mkdir -m 700 prefect", 65534, {"XDG_CACHE_HOME": "cache", "PREFECT_HOME": "prefect"}, "et PREFECT_HOME to a folder of"),
     ],
 )  # fmt: skip
 def test_campaign_names_defect_and_runs_when_mended(lab, spoil, user, variables, words):

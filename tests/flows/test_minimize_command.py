@@ -163,11 +163,11 @@ def test_interrupted_minimization_resumes_to_same_result(place, alone, tmp_path)
 @each_row(
     ("arguments", "said"),
     [
-        ("nowhere", "no configuration 'nowhere'; it has blocked, easy, odd"),
+        ("nowhere", "Unknown configuration 'nowhere'. Expected one of blocked, easy, odd"),
         ("easy", "easy: expected a failure rate of 0.5 or more, got 0 of 3 runs by success"),
         ("in-the-wall", "got in-the-wall, which was rejected: "),
         ("odd", "runs of odd broke: fault in judge: ZeroDivisionError: odd"),
-        ("blocked --oracle nobody", "--oracle: expected an oracle that judged blocked, got 'nobody'"),
+        ("blocked --oracle nobody", "--oracle: No oracle 'nobody' judged blocked"),
     ],
 )
 def test_minimize_refuses_passing_configuration(place, arguments, said):
