@@ -88,7 +88,7 @@ def test_silent_server_is_asked_six_times_and_named(monkeypatch):
         monkeypatch.setenv("AWS_ACCESS_KEY_ID", "someone")
         monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
         with pytest.raises(
-            StoreError, match=r"can't use 's3://bucket/store' .*imeout.*check the network and the server"
+            StoreError, match=r"can't use 's3://bucket/store' .*imeout.*Check the network and the server"
         ):
             open_store("s3://bucket/store")
         wait_until(lambda: len(asked) >= 6)
@@ -147,7 +147,7 @@ def test_server_killed_during_a_put_leaves_no_artifact_and_works_when_restarted(
 
     with monkeypatch.context() as patch:
         patch.setattr(RemoteFiles, "_write", killed_before)
-        with pytest.raises(StoreError, match="what was finished is kept"):
+        with pytest.raises(StoreError, match="What was finished is kept"):
             store.put(KEY, {"a.bin": b"one", "b.bin": b"two"})
     server.start()
     assert store.find(KEY) is None
