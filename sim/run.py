@@ -17,15 +17,13 @@ from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.loop.drive import Ending, Watch, Watched, recording_of, recording_without_world
 from vastflow.sim.loop.simulation import Simulation, recorded
 from vastflow.sim.model.archive import table
-from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Recording, RunLog
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
-from vastflow.sim.nav2.navigator.prepared import CACHED_MAPS, prepare
-from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
+from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.plug_ins.loading import check_permitted
-from vastflow.sim.reading.checked import MAP_KEY, CheckedScenario, RobotSetup, checked_of
+from vastflow.sim.reading.checked import CheckedScenario, RobotSetup, checked_of
 from vastflow.sim.scenario.programs.actions import PROCESSES, process_actions
 from vastflow.sim.scenario.programs.folders import CONFIG, OUT
 from vastflow.sim.scenario.programs.run import ProcessRun, process_run
@@ -34,8 +32,8 @@ from vastflow.sim.scenario.tree.stand_ins import stand_ins
 from vastflow.sim.scenario.tree.topics import ROS
 from vastflow.sim.scenario.tree.tree import ScenarioTree, StatusChange
 from vastflow.sim.scenario.tree.world import WORLD
-from vastflow.sim.world.map_file import load_map
-from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.map_file import read_map
+from vastflow.sim.world.world import read_world
 
 PERIOD_S: Final = 0.1
 """Period of a scenario's tree."""
@@ -162,10 +160,8 @@ def execute(
 
 
 def _simulation(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> Simulation:
-    occupancy = _loaded(robot.map_file, MAP_KEY)
-    named = zip(MASK_KEYS, robot.masks, strict=True)
-    masks = [None if mask is None else _loaded(mask, key) for key, mask in named]
-    prepared = prepare(occupancy, robot.lidar, robot.parameters, robot.difference, *masks)
+    masks = [None if mask is None else read_map(mask) for mask in robot.masks]
+    prepared = prepare(read_world(robot.map_file, robot.difference), robot.lidar, robot.parameters, *masks)
     obstacles = checked.script.obstacles
     return Simulation(
         prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, checked.timeout_s
@@ -196,14 +192,6 @@ def _tree(
     tree = ScenarioTree(checked.script.definition, checked.script.values, actions, functions, log=log)
     made.append(weakref.ref(tree))
     return tree
-
-
-@functools.lru_cache(maxsize=CACHED_MAPS)
-def _loaded(content: FileContent, key: str) -> OccupancyMap:
-    occupancy = load_map(content.path)
-    if occupancy.digest != content.digest:
-        raise ScenarioError(f"{key}: {content.path} changed since the campaign was read. Run the campaign again.")
-    return occupancy
 
 
 def _ending(tree: ScenarioTree) -> Ending:

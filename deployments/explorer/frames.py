@@ -24,16 +24,13 @@ from vastflow.oracles.results.schema import VERDICTS, rows_of
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.blocks import read_block
-from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns, Event, Recording
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.chosen import drawn_parameters
 from vastflow.sim.reading.robot import robot_of
-from vastflow.sim.reading.world import WORLD_KEY, difference_of
-from vastflow.sim.world.difference import world_of
-from vastflow.sim.world.map_file import load_map
+from vastflow.sim.reading.world import world_of
 from vastflow.sim.world.occupancy import OccupancyMap
 
 POSES: Final = ("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad")
@@ -263,14 +260,12 @@ def _track_row(track: ObstacleTrack) -> dict[str, Any]:
 
 def _grids(scenario: Scenario) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]]]:
     """Yield the map, the world where it differs, and masks of costmap filters: place and cells of each."""
-    map_file = scenario.environment["map_file"]
-    if not isinstance(map_file, FileContent):
+    world = world_of(scenario.environment)
+    if world is None:
         raise TypeError("the scenario of a robot has no map")
-    occupancy = load_map(map_file.path)
-    found = [("map", occupancy, _cells_of(occupancy))]
-    if (difference := difference_of(scenario.environment.get(WORLD_KEY))) is not None:
-        world = world_of(occupancy, difference)
-        found.append(("world", world, _cells_of(world)))
+    found = [("map", world.map, _cells_of(world.map))]
+    if world.difference:
+        found.append(("world", world.walls, _cells_of(world.walls)))
     zones = zones_of([scenario])
     for kind, masks in (("keepout", zones.keepout), ("speed", zones.speed)):
         found += [(kind, mask, np.maximum(mask.cells, 0).astype(np.uint8)) for mask in masks]

@@ -185,24 +185,20 @@ def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list
 def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: "Difference | None") -> "Story":
     from vastflow.oracles.figures.scene import zones_of
     from vastflow.oracles.replay.story import Story, view_of
-    from vastflow.sim.model.digest import FileContent
     from vastflow.sim.reading.script import script_of
-    from vastflow.sim.reading.world import WORLD_KEY, difference_of
-    from vastflow.sim.world.difference import world_of
-    from vastflow.sim.world.map_file import load_map
+    from vastflow.sim.reading.world import world_of
 
     metadata = recorded.metadata
     equal = "" if difference else ", equal to the recording bit for bit"
-    map_file = recorded.scenario.environment["map_file"]
-    assert isinstance(map_file, FileContent)  # else it would not have been executed
-    occupancy, apart = load_map(map_file.path), difference_of(recorded.scenario.environment.get(WORLD_KEY))
+    world = world_of(recorded.scenario.environment)
+    assert world is not None  # else it would not have been executed
     return Story(
         title=title,
         subtitle=f"{metadata['name']}, {metadata['created'].replace('T', ' ')}{equal}",
         run=replayed.recording.run,
         judgement="not judged" if difference else recorded.judgement,
         warning="" if difference is None else str(difference),
-        occupancy=occupancy if apart is None else world_of(occupancy, apart),
+        occupancy=world.walls,
         moments=replayed.moments,
         view=view_of(replayed.moments, script_of(recorded.scenario).goals),
         zones=zones_of([recorded.scenario]),

@@ -20,13 +20,13 @@ from vastflow.producers.campaign_file.scenario_values import dimension_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.minimization.minimize import Candidate, Candidates, NotBuilt
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import FileError, message_of
 from vastflow.sim.model.files import copy_file, files_below
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.reading.world import MAP_KEY
 from vastflow.sim.world.map_file import image_of
 
 FAMILY: Final = "minimal"

@@ -14,7 +14,6 @@ from vastflow.oracles.results.schema import read_columns, table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
-from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.model.files import read_bytes, read_json, yaml_value
@@ -23,6 +22,7 @@ from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.sim.plug_ins.loading import check_permitted
+from vastflow.sim.reading.world import MAP_KEY
 
 MESH_KEY = "mesh_file"
 """Ignored by runs, see `vastflow.producers.instantiation.family`."""

@@ -25,13 +25,11 @@ from vastflow.producers.floorplan.environment import environments_in
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.producer import evaluate
-from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import PATH_KEY, PATH_LENGTH_KEY
 from vastflow.producers.search.criteria import plan_text
-from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.reading.script import script_of
-from vastflow.sim.world.map_file import load_map
+from vastflow.sim.reading.world import world_of
 from vastflow.tasks.engine.evaluation import FRAGMENTS, write_evaluation
 from vastflow.tasks.engine.forced import Forced
 from vastflow.tasks.engine.index import Index, missing
@@ -279,15 +277,14 @@ def plan_view_of(configuration: Configuration) -> "Case":
     from vastflow.oracles.figures.case_figure import Case
     from vastflow.oracles.figures.scene import zones_of
 
-    map_file = configuration.scenario.environment.get(MAP_KEY)
-    map_path = map_file.path if isinstance(map_file, FileContent) else None
-    if map_path is None:
+    world = world_of(configuration.scenario.environment)
+    if world is None:
         raise ValueError("it has no map")
     path, length_m = (configuration.provenance.get(key) for key in (PATH_KEY, PATH_LENGTH_KEY))
     title = configuration.name + (f" · path of {length_m:.2f} m" if isinstance(length_m, int | float) else "")
     path_xy_m = np.array(path if isinstance(path, list) else [], dtype=np.float64).reshape(-1, 2)
     situation, zones = situation_of(configuration.scenario), zones_of([configuration.scenario])
-    return Case(title, load_map(map_path), situation, situation.obstacles, (), zones=zones, route_xy_m=path_xy_m)
+    return Case(title, world, situation, situation.obstacles, (), zones=zones, route_xy_m=path_xy_m)
 
 
 def draw(configurations: Iterable[Configuration], folder: Path) -> list[Path]:

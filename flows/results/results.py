@@ -33,11 +33,11 @@ from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.model.archive import one_archive
 from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.files import copy_file, replace_file
-from vastflow.sim.world.map_file import load_map
+from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.world.map_file import read_map
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.keys.keys import Keys
@@ -220,7 +220,7 @@ def _write_environments(
         folder = directory / map_file.digest
         if not folder.exists():
             own = maps.get(map_file.digest)
-            write_map(folder, load_map(map_file.path) if own is None else own)
+            write_map(folder, read_map(map_file) if own is None else own)
             for beside in (Path(map_file.path).with_name(name) for name in (MESH, PLAN, PROVENANCE) if own is None):
                 if beside.is_file():
                     copy_file(beside, folder / beside.name)

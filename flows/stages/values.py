@@ -214,7 +214,8 @@ class Recordings(StageResult):
     def plot(self, name: str) -> "Plot":
         """Draw the path of each run of a configuration, on its map if it has one."""
         from vastflow.oracles.figures.maps import lines_plot
-        from vastflow.producers.places.ground import MAP_KEY, occupancy_of
+        from vastflow.sim.reading.world import MAP_KEY
+        from vastflow.sim.world.map_file import read_map
 
         lines = [
             (f"run {each.run.run_index}: {each.run.outcome}", each.columns["x_mm"] / 1000, each.columns["y_mm"] / 1000)
@@ -222,7 +223,7 @@ class Recordings(StageResult):
             if "x_mm" in each.columns
         ]
         content = self.configurations[name].scenario.environment.get(MAP_KEY)
-        return lines_plot(lines, "x (m)", "y (m)", occupancy_of(content) if isinstance(content, FileContent) else None)
+        return lines_plot(lines, "x (m)", "y (m)", read_map(content) if isinstance(content, FileContent) else None)
 
     def table(self) -> pa.Table:
         """Return a row for each recorded run, as in `runs.parquet` but without causes."""

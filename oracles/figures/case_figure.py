@@ -22,8 +22,7 @@ from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_r
 from vastflow.oracles.results.tables import Tables
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
-from vastflow.sim.world.difference import world_of
-from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.world import World
 
 Floats = NDArray[np.float64]
 PATH_COLOR: Final = "#0072B2"
@@ -48,19 +47,17 @@ class Case:
     Attributes:
         paths: True trajectories (N, 2) by judgement, of which `chosen` is drawn strong.
         estimate_xy_m: (N, 2) an estimated path, dashed.
-        world: The walls as they stand, where the robot's map has them elsewhere.
         route_xy_m: (N, 2) the way, which is in sight in all figures, and drawn in a plan view.
     """
 
     title: str
-    occupancy: OccupancyMap
+    world: World
     situation: Situation
     obstacles: Sequence[Obstacle]
     paths: Sequence[tuple[Judgement, Floats]] = field(repr=False)
     chosen: int | None = None
     zones: Zones = NO_ZONES
     estimate_xy_m: Floats | None = None
-    world: OccupancyMap | None = None
     route_xy_m: Floats | None = field(default=None, repr=False)
 
     @property
@@ -81,11 +78,9 @@ def case_of(tables: Tables, configuration: int, files: KeptFiles) -> Case:
     if environment is None:
         raise ValueError("it has no map")
     scenario = scenario_of_row(tables.configurations.row(configuration), files)
-    occupancy = kept_map(tables.directory, environment)
-    difference = difference_of(scenario.environment.get(WORLD_KEY))
-    world = None if difference is None else world_of(occupancy, difference)
+    world = World(kept_map(tables.directory, environment), difference_of(scenario.environment.get(WORLD_KEY)))
     situation = situation_of(scenario)
-    return Case("", occupancy, situation, situation.obstacles, (), zones=zones_of([scenario]), world=world)
+    return Case("", world, situation, situation.obstacles, (), zones=zones_of([scenario]))
 
 
 def case_figure(case: Case) -> Figure:
@@ -139,9 +134,9 @@ def pair_figure(title: str, sides: tuple[Case, Case]) -> Figure:
 
 def _draw(axes: Axes, case: Case, alpha: Callable[[int], float | None]) -> list[Line2D]:
     """Fill `axes` with a case, n lines at the opacity `alpha(n)`, and return legend entries of its ends."""
-    maps.draw_floor(axes, case.occupancy, case.zones)
-    if case.world is not None:
-        maps.draw_walls(axes, case.world)
+    maps.draw_floor(axes, case.world.map, case.zones)
+    if case.world.difference:
+        maps.draw_walls(axes, case.world.walls)
     axes.set(xticks=[], yticks=[])
     maps.draw_obstacles(axes, case.obstacles, alpha=0.7)
     for judgement in _JUDGEMENTS:
@@ -169,7 +164,7 @@ def _look_at(axes: Axes, low: Floats, high: Floats, shape: tuple[float, float], 
 
 def plan_view_figure(view: Case) -> Figure:
     """The map with everything of the scenario on it; an obstacle that appears has its outline and trigger dashed."""
-    figure, axes = maps.map_figure(view.occupancy, legend_rows=2, top_in=_PLAN_TITLE_IN, zones=view.zones)
+    figure, axes = maps.map_figure(view.world.map, legend_rows=2, top_in=_PLAN_TITLE_IN, zones=view.zones)
     top = 1 - 0.12 / figure.get_figheight()
     figure.suptitle(view.title, x=0.02, ha="left", y=top, va="top", fontsize=10, color=INK)
     handles: list[Any] = []

@@ -23,7 +23,7 @@ from vastflow.sim.model.recording import run_of, si
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.chosen import drawn_parameters
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, masks_of
-from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.map_file import read_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
 
@@ -53,7 +53,7 @@ def zones_of(scenarios: Iterable[Scenario]) -> Zones:
         for mask, found in ((masks.keepout, keepout), (masks.speed, speed)):
             if mask is not None:
                 found[mask.digest] = mask
-    return Zones(*(tuple(load_map(mask.path) for mask in found.values()) for found in (keepout, speed)))
+    return Zones(*(tuple(read_map(mask) for mask in found.values()) for found in (keepout, speed)))
 
 
 _STEP_M: Final = 0.05

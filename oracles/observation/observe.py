@@ -23,15 +23,12 @@ from vastflow.oracles.observation.trace import (
     reference_row,
 )
 from vastflow.sim.model.blocks import read_recordings, write_block
-from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.recording import Recording, si
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.reading.world import WORLD_KEY, difference_of
-from vastflow.sim.world.difference import world_of
-from vastflow.sim.world.map_file import MapError, load_map
+from vastflow.sim.reading.world import world_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.octile import inflated_free, shortest_path
 
@@ -132,16 +129,13 @@ class ScenarioObserver:
     """Observer of the runs of a scenario; its reference paths keep the inscribed radius, by default 0.22 m.
 
     Raises:
-        MapError: the map cannot be read, or has changed since the campaign was read.
-        ValueError: the mission, an obstacle, the world or the robot's radius cannot be read.
+        ValueError: mission, map, world, an obstacle, or the robot's radius can't be read, or the map has changed since the campaign was read.
     """
 
     def __init__(self, scenario: Scenario) -> None:
         self.situation = situation = situation_of(scenario)
-        file = scenario.environment.get("map_file")
-        occupancy = load_map(file.path) if isinstance(file, FileContent) else None
-        if isinstance(file, FileContent) and occupancy is not None and occupancy.digest != file.digest:
-            raise MapError(f"{file.path} changed since the campaign was read. Run the campaign again.")
+        world = world_of(scenario.environment)
+        occupancy = None if world is None else world.map
         radius_m = inscribed_radius_of(parameters_of(scenario.system))
 
         @functools.cache
@@ -149,12 +143,11 @@ class ScenarioObserver:
             return reference_path(occupancy, replace(situation, obstacles=obstacles), radius_m)
 
         self.references = references
-        difference = difference_of(scenario.environment.get(WORLD_KEY))
         # The actual walls, and the centers of occupied cells at their surface, in cells (row, column).
-        self._world = occupancy if occupancy is None or difference is None else world_of(occupancy, difference)
+        self._walls = None if world is None else world.walls
         self._wall_cells: cKDTree | None = None
-        if self._world is not None:
-            occupied = self._world.occupied
+        if self._walls is not None:
+            occupied = self._walls.occupied
             cells = np.argwhere(occupied & ~ndimage.binary_erosion(occupied))
             self._wall_cells = cKDTree(cells) if len(cells) else None
 
@@ -182,8 +175,8 @@ class ScenarioObserver:
             slow &= np.abs(si(recording.columns["lateral_speed_mmps"])) < STANDING_MPS
         slow &= np.abs(si(recording.columns["yaw_rate_mradps"])) < STANDING_RADPS
         derived["stopped"] = slow.astype(np.int32)
-        if self._world is not None and self._wall_cells is not None:
-            derived["wall_clearance_mm"] = _mm(_clearance_m(self._world, self._wall_cells, x_m, y_m))
+        if self._walls is not None and self._wall_cells is not None:
+            derived["wall_clearance_mm"] = _mm(_clearance_m(self._walls, self._wall_cells, x_m, y_m))
         derived["deviation_mm"] = np.full(len(x_m), NOWHERE_MM, dtype=np.int32)  # runs of a block have the same columns
         if isinstance(reference, Reference):
             corners = reference.points_xy_m

@@ -8,7 +8,6 @@ from typing import Final
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.campaign_file.spec import ExecutionSpec
 from vastflow.producers.model.faults import Location
-from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, file_digest
 from vastflow.sim.model.faults import Complaint, Fault, FileError, Got, ScenarioError
@@ -18,6 +17,7 @@ from vastflow.sim.model.scenario import ProcessSetup, RunFiles
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, abstract_content, definition_of
 from vastflow.sim.reading.script import calls_of, goal_keys, is_optional_list, overrides_of
 from vastflow.sim.reading.vocabulary import ACTIONS, WORLDLY
+from vastflow.sim.reading.world import MAP_KEY
 from vastflow.sim.scenario.definition import ScenarioDefinition
 from vastflow.sim.scenario.language.parameters import ParameterMismatch, bound, default_of
 from vastflow.sim.scenario.programs.actions import PROCESSES

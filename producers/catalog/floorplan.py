@@ -28,10 +28,10 @@ from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.faults import MISSING_FILE
 from vastflow.producers.model.numbers import Count, NotNegative, Positive, Seed
 from vastflow.producers.model.producer import Draws, Producer
-from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Fault, FileError, Invalid
 from vastflow.sim.model.scenario import Dimension
+from vastflow.sim.reading.world import MAP_KEY
 
 MESH_KEY = "mesh_file"
 FLOORPLAN_KEY = "_floorplan"

@@ -24,16 +24,7 @@ from vastflow.producers.model.numbers import (
 )
 from vastflow.producers.model.producer import ROOM_KEY, Draws, Producer
 from vastflow.producers.places.clearance import path_properties
-from vastflow.producers.places.ground import (
-    MAP_KEY,
-    Ground,
-    MapParameter,
-    ground_of,
-    map_key,
-    map_needed,
-    map_of,
-    room_of,
-)
+from vastflow.producers.places.ground import Ground, MapParameter, ground_of, map_key, map_needed, map_of, room_of
 from vastflow.producers.places.route import (
     MAX_STARTS,
     Cell,
@@ -63,6 +54,7 @@ from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.sim.model.faults import Invalid
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Dimension
+from vastflow.sim.reading.world import MAP_KEY
 
 ARRIVAL_M: Final = 0.5
 """The end of a leg whose direction is the goal's yaw: long enough that a grid step does not decide it."""

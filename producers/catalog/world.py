@@ -11,13 +11,14 @@ from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.numbers import DEFAULT_ROBOT_DIAMETER_M, Count, NotNegatives, Positive, Seed
 from vastflow.producers.model.producer import Draws, Producer
-from vastflow.producers.places.ground import MAP_KEY, map_of, occupancy_of
+from vastflow.producers.places.ground import map_of
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY, given_goals, given_start
 from vastflow.sim.model.digest import Value, digest
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Dimension
-from vastflow.sim.reading.world import LONGEST_M, SHORTEST_M, WORLD_KEY, difference_of
-from vastflow.sim.world.difference import world_of
+from vastflow.sim.reading.world import LONGEST_M, MAP_KEY, SHORTEST_M, WORLD_KEY, difference_of
+from vastflow.sim.world.difference import differing
+from vastflow.sim.world.map_file import read_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
 OFFSET_KEY: Final = "_wall_offset_m"
@@ -114,7 +115,7 @@ class WorldVariation(Producer[WorldParameters]):
             value: dict[str, Value] = {"seed": int(rng.integers(2**31)), **asked}
             difference = difference_of(value)
             assert difference is not None
-            reason = self._blocked(world_of(occupancy_of(map_file), difference), stops)
+            reason = self._blocked(differing(read_map(map_file), difference), stops)
             if not reason:
                 return value
         return f"in none of {TRIES} worlds that were drawn does the robot find a path. In the last one, {reason}"

@@ -13,7 +13,7 @@ from vastflow.producers.constraints.operations import NotEvaluable
 from vastflow.producers.model.configuration import Partial
 from vastflow.producers.model.numbers import DEFAULT_ROBOT_DIAMETER_M
 from vastflow.producers.model.producer import Producer, may_list_obstacles
-from vastflow.producers.places.ground import MAP_KEY, ground_of, occupancy_of
+from vastflow.producers.places.ground import ground_of
 from vastflow.producers.places.stops import (
     GOAL_KEY,
     GOALS_KEY,
@@ -26,6 +26,8 @@ from vastflow.producers.places.stops import (
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.world.map_file import read_map
 
 MOST_MAPS: Final = 4
 MOST_PATHS: Final = 4096
@@ -82,7 +84,7 @@ def _clearances(partial: Partial) -> tuple[float, float, float]:
 
 @functools.lru_cache(MOST_PATHS)
 def _clearances_on(map_file: FileContent, path: Points) -> tuple[float, float, float]:
-    occupancy, distance_m = occupancy_of(map_file), _distance_m(map_file)
+    occupancy, distance_m = read_map(map_file), _distance_m(map_file)
     points = [path[0]]  # no farther apart than cells
     for one, other in itertools.pairwise(np.array(path)):
         steps = max(1, math.ceil(math.dist(one, other) / occupancy.resolution_m))
@@ -97,7 +99,7 @@ def _distance_m(map_file: FileContent) -> NDArray[np.float64]:
     """Distance (H, W) from cells' centers to the near side of the nearest wall's cell; infinite without walls."""
     from scipy import ndimage
 
-    occupancy = occupancy_of(map_file)
+    occupancy = read_map(map_file)
     if not occupancy.occupied.any():
         return np.full(occupancy.shape, math.inf)
     cells = ndimage.distance_transform_edt(~occupancy.occupied)

@@ -36,7 +36,7 @@ from vastflow.producers.model.producer import (
     find_producer,
     may_list_obstacles,
 )
-from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY, MapSearch, occupancy_of
+from vastflow.producers.places.ground import MAP_FILE_KEYS, MapSearch
 from vastflow.producers.places.start_check import is_of_footprint, pose_complaints, room_m, stops_of
 from vastflow.producers.places.stops import GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Value
@@ -52,7 +52,8 @@ from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.reading.abstract import hall_file
 from vastflow.sim.reading.robot import robot_facts, robot_of, robot_summary, robot_words
-from vastflow.sim.world.map_file import MissingMap, free_unknown_cells
+from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.world.map_file import MissingMap, free_unknown_cells, read_map
 
 OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")
 
@@ -188,7 +189,7 @@ class FamilyReader:
             with suppress(FileError):  # said already
                 parameters = parameters_of(system)
                 radius_m = min(inscribed_radius_of(parameters), robot_of(parameters).radius_m)
-        for name, what, right in pose_complaints(occupancy_of(map_file), stops, radius_m) if stops else ():
+        for name, what, right in pose_complaints(read_map(map_file), stops, radius_m) if stops else ():
             key, _, index = name.rstrip("]").partition("[")
             where = (*flow.fixed[key], *([int(index)] if index else []))
             if start_check == "none":

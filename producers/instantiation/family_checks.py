@@ -15,11 +15,11 @@ from vastflow.producers.instantiation.instantiate import Family, contradictions
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.faults import Location, shown
 from vastflow.producers.model.producer import Producer, draws_of
-from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.reading.world import MAP_KEY
 
 MISSION_KEYS: Final = frozenset({START_KEY, GOAL_KEY, GOALS_KEY, LOOPS_KEY})
 

@@ -30,12 +30,12 @@ from vastflow.producers.model.configuration import (
     restricted_digest,
 )
 from vastflow.producers.model.producer import Producer, evaluate, tags_of
-from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Texts, Value
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.scenario import Dimension, ProcessSetup, scenario_of
+from vastflow.sim.reading.world import MAP_KEY
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import numpy as np
 from shapely.geometry import Point
 
 from vastflow.producers.campaign_file.scenario_values import LOOPS_KEY
-from vastflow.producers.places.ground import MAP_KEY, Ground, ground_of
+from vastflow.producers.places.ground import Ground, ground_of
 from vastflow.producers.places.route import shortest_leg
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value
@@ -21,7 +21,7 @@ from vastflow.sim.model.scenario import Dimension
 from vastflow.sim.nav2.parameter_files.chosen import COVARIANCE_KEY, OWN_KEYS, default_document, local_outline, targets
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.sim.nav2.parameters.robot import ROBOT_KEY
-from vastflow.sim.reading.world import WORLD_KEY
+from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY
 
 LEVELS: Final = 8
 """Parts into which the distance of a value from its default is divided."""

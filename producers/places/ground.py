@@ -22,7 +22,8 @@ from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
-from vastflow.sim.world.map_file import MapError, MissingMap, load_map, map_content
+from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.world.map_file import MissingMap, map_content, read_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
 
@@ -71,7 +72,6 @@ class MapSearch:
         return found
 
 
-MAP_KEY: Final = "map_file"
 MAP_FILE_KEYS: Final = (MAP_KEY, *MASK_KEYS)
 """Keys whose values are paths of maps."""
 
@@ -131,7 +131,7 @@ def ground_of(map_file: FileContent, robot_diameter_m: float, room_m: float = 0.
 
     from vastflow.sim.world import octile
 
-    occupancy = occupancy_of(map_file)
+    occupancy = read_map(map_file)
     radius_cells = octile.whole_cells(robot_diameter_m / 2, occupancy.resolution_m)
     passable = octile.inflated_free(occupancy.free, radius_cells)
     labels = label(passable, connectivity=2)
@@ -153,19 +153,6 @@ def _near(occupied: NDArray[np.bool_], room_cells: float) -> NDArray[np.bool_]:
         near[: len(near) - rows] |= wide[rows:]
         near[rows:] |= wide[: len(near) - rows]
     return near
-
-
-@functools.lru_cache(maxsize=4)
-def occupancy_of(map_file: FileContent) -> OccupancyMap:
-    """The map of a file's value; kept for the next question.
-
-    Raises:
-        MapError: as of `ground_of`.
-    """
-    occupancy = load_map(map_file.path)
-    if occupancy.digest != map_file.digest:
-        raise MapError(f"{map_file.path}: It was changed while the campaign ran. Start it again.")
-    return occupancy
 
 
 def touched_cells(occupancy: OccupancyMap, area: Polygon, reach_cells: float = 0.5) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from shapely.geometry import MultiPoint
 
 from vastflow.producers.model.configuration import Fragment, Partial, RejectedInstance
 from vastflow.producers.model.producer import ROOM_KEY, Producer, draws_of, may_list_obstacles
-from vastflow.producers.places.ground import MAP_KEY, occupancy_of, touched_cells
+from vastflow.producers.places.ground import touched_cells
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, canonical
 from vastflow.sim.model.faults import FileError, Got, Problem
@@ -24,6 +24,8 @@ from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
 from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, FOOTPRINT_NAMES, local_outline
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.sim.nav2.parameters.robot import ROBOT_KEY
+from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.world.map_file import read_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
 LABEL: Final = "start_check"
@@ -82,7 +84,7 @@ class StartCheck:
         system: Mapping[str, Value],
         standing: Sequence[Obstacle],
     ) -> str | None:
-        occupancy = occupancy_of(map_file)
+        occupancy = read_map(map_file)
         for key, pose in stops.items():
             if not occupancy.contains(*occupancy.cell_of(pose.x_m, pose.y_m)):
                 return f"{key} ({pose.x_m:g}, {pose.y_m:g}) lies outside of the map"

@@ -18,7 +18,7 @@ from vastflow.sim.nav2.navigator.state import ROW_TICKS, SUBSTEPS, give, new_sta
 from vastflow.sim.nav2.navigator.tick import APPEARS, PHYSICS, advance, conclude, halt, start
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.motion import FREE, MOVING, NOT_THERE, Body
-from vastflow.sim.world.physics import World
+from vastflow.sim.world.physics import Physics
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 
@@ -63,8 +63,8 @@ class ClosedLoop:
         self.spawned: list[Obstacle] = []
         self.sent_s: float | None = None
         # Without `self`: a reference cycle would keep a run's grids, some 20 MB, until garbage is collected.
-        self._make_world: Callable[[], World] = lambda: World(robot, prepared.walls, every)
-        self._world: World | None = None
+        self._make_physics: Callable[[], Physics] = lambda: Physics(robot, prepared.walls, every)
+        self._physics: Physics | None = None
         start(self.stack.p, self.stack.m)
 
     @property
@@ -118,7 +118,7 @@ class ClosedLoop:
     @property
     def events(self) -> Sequence[Event]:
         """Events in the world so far, in order and in the map's frame."""
-        return [_in_map(event, self.frame) for event in self._world.events] if self._world else ()
+        return [_in_map(event, self.frame) for event in self._physics.events] if self._physics else ()
 
     def localize(self, pose: Pose) -> None:
         """Give AMCL an initial pose; the stack is active from the next tick on."""
@@ -147,7 +147,7 @@ class ClosedLoop:
 
     def spawn(self, obstacle: Obstacle, pushable: bool) -> None:
         """Add an obstacle to the world at its pose; a pushable one has mass and friction."""
-        self._world = world = self._world or self._make_world()
+        self._physics = world = self._physics or self._make_physics()
         self.spawned.append(obstacle)
         obstacle = obstacle.in_grid(self.frame)
         self.obstacles.append(obstacle)
@@ -161,7 +161,7 @@ class ClosedLoop:
         """Remove the obstacle of this name from the world; return False if there is none."""
         index = self.standing(name)
         if index is not None:
-            self._world = world = self._world or self._make_world()
+            self._physics = world = self._physics or self._make_physics()
             world.remove(index, self.now_s)
             self.body.obstacles[index, :2] = NOT_THERE
         return index is not None
@@ -171,7 +171,7 @@ class ClosedLoop:
         until = self.last_tick if until_tick is None else min(until_tick, self.last_tick)
         stack, status = self.stack, self.status
         while self.status == status:
-            hold = self._world.hold if self._world else FREE
+            hold = self._physics.hold if self._physics else FREE
             state = stack.p, stack.m, stack.grids, stack.local, stack.cloud, stack.route
             why = advance(*state, stack.controller.bound, stack.noise.bound, stack.rows, self.body, hold, until)
             if why == PHYSICS:
@@ -185,7 +185,7 @@ class ClosedLoop:
         conclude(self.stack.p, self.stack.m, self.body, self.stack.rows)
 
     def _drive(self) -> None:
-        self._world = world = self._world or self._make_world()
+        self._physics = world = self._physics or self._make_physics()
         t_s = self.tick * TICK_S
         world.drive(self.body.pose, self.stack.m[0]["velocities"].tolist(), TICK_S / SUBSTEPS, t_s - TICK_S)
         for index in world.appeared:
@@ -194,7 +194,7 @@ class ClosedLoop:
             world.note_moves(t_s)
 
     def _appear(self, index: int) -> None:
-        self._world = world = self._world or self._make_world()
+        self._physics = world = self._physics or self._make_physics()
         world.appear(index, self.tick * TICK_S)
         self.body.triggers[index, 4] = math.inf
         self._place(index, *world.pose_of(index))

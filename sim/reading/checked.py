@@ -22,11 +22,10 @@ from vastflow.sim.reading.abstract import content_digest, definition_digest, def
 from vastflow.sim.reading.robot import lidar_of, robot_of
 from vastflow.sim.reading.script import NAVIGATIONS, Script, calls_of, script_of
 from vastflow.sim.reading.vocabulary import WORLDLY
-from vastflow.sim.reading.world import WORLD_KEY, difference_of
+from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY, difference_of
 from vastflow.sim.world.difference import WorldDifference
 from vastflow.sim.world.robot_model import Lidar, Robot
 
-MAP_KEY: Final = "map_file"
 _CACHED: Final = "checked_digest"
 _NOT_DESCRIBED: Final = RobotParameters()
 

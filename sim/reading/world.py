@@ -1,17 +1,31 @@
-"""The world of a scenario: its difference from the robot's map."""
+"""The world of a scenario: its map, and how it differs from it."""
 
 from collections.abc import Mapping
 from typing import Final
 
-from vastflow.sim.model.digest import Value
+from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.world.difference import WorldDifference
+from vastflow.sim.world.world import World, read_world
 
+MAP_KEY: Final = "map_file"
 WORLD_KEY: Final = "world"
 LONGEST_M: Final = 1000.0
 SHORTEST_M: Final = 0.5
 """Minimum correlation length: offsets are computed at fractions of it all over the map."""
 _NAMES: Final = ("seed", "wall_offset", "correlation_length", "missing_furniture")
+
+
+def world_of(environment: Mapping[str, Value]) -> World | None:
+    """Return the world of a scenario's environment; None without a map.
+
+    Raises:
+        ScenarioError: the map can't be read or has changed, or the difference is none.
+    """
+    map_file = environment.get(MAP_KEY)
+    return (
+        read_world(map_file, difference_of(environment.get(WORLD_KEY))) if isinstance(map_file, FileContent) else None
+    )
 
 
 def difference_of(value: Value) -> WorldDifference | None:

@@ -35,8 +35,8 @@ class WorldDifference:
     missing_share: float = 0.0
 
 
-def world_of(occupancy: OccupancyMap, difference: WorldDifference) -> OccupancyMap:
-    """Return the world in the map's frame; its cells are fractions of the map's where walls are displaced.
+def differing(occupancy: OccupancyMap, difference: WorldDifference) -> OccupancyMap:
+    """Return the walls in the map's frame; its cells are fractions of the map's where walls are displaced.
 
     Offsets are a Gaussian random field of squared exponential covariance, the sum of random waves (Rahimi and Recht, Random Features
     for Large-Scale Kernel Machines, 2007). Walls stay whole while its standard deviation is well below the correlation length.

@@ -1,6 +1,7 @@
 """Map files in the ROS map_server format: a YAML file and a picture."""
 
 import contextlib
+import functools
 import math
 import os
 import re
@@ -15,6 +16,7 @@ from PIL import Image
 from yaml.nodes import MappingNode
 
 from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.files import (
     Missing,
     Unreadable,
@@ -28,6 +30,8 @@ from vastflow.sim.model.files import (
 from vastflow.sim.model.pose import DECIMALS, MOST_YAW_RAD, GridFrame
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
+CACHED_MAPS: Final = 6
+"""Kept maps, and tables of them: about 45 bytes a cell, 130 MB for a building of 85 m × 85 m."""
 MOST_HEADER_BYTES: Final = 1_000_000
 LEAST_CELL_M: Final = 1e-4
 LARGEST_CELL_M: Final = 100.0
@@ -44,7 +48,7 @@ QUARTER_TURN_ROUNDING_RAD: Final = 1e-5
 """Tolerance of a quarter turn, such as 1.5708."""
 
 
-class MapError(ValueError):
+class MapError(ScenarioError):
     """A map file that can't be used."""
 
 
@@ -97,6 +101,19 @@ def _gray_and_cells(path: Path, header: Mapping[str, Any]) -> tuple[NDArray[np.u
     if (negate := header.get("negate", 0)) not in (0, 1):
         raise MapError(f"{path}: negate: expected 0 or 1, got {negate!r}")
     return gray, _occupancy(gray, opaque, mode.lower(), bool(negate), occupied_threshold, free_threshold)
+
+
+@functools.lru_cache(maxsize=CACHED_MAPS)
+def read_map(content: FileContent) -> OccupancyMap:
+    """Return the map of a file's value; the last few are kept.
+
+    Raises:
+        MapError: it can't be read, or has changed since the campaign was read.
+    """
+    occupancy = load_map(content.path)
+    if occupancy.digest != content.digest:
+        raise MapError(f"{content.path} changed since the campaign was read. Run the campaign again.")
+    return occupancy
 
 
 def map_content(path: str | Path, within: Path | None = None) -> FileContent:

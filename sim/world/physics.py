@@ -78,7 +78,7 @@ class WallIndex:
         return sorted(near)
 
 
-class World:
+class Physics:
     """Bodies and contacts of one run. Walls join the space tile by tile as a body comes near them.
 
     Args:

@@ -22,6 +22,7 @@ from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.world.map_file import load_map, map_content
 from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.world import World
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
@@ -147,7 +148,7 @@ def colors_at(figure, axes, *points):
 
 
 def plan_view(occupancy, zones):
-    figure = plan_view_figure(Case("room", occupancy, Situation(None, (), ()), (), (), zones=zones))
+    figure = plan_view_figure(Case("room", World(occupancy), Situation(None, (), ()), (), (), zones=zones))
     return figure, figure.axes[0]
 
 
@@ -170,7 +171,7 @@ def test_pair_figure_has_zones_of_each_side(occupancy):
     situation = Situation(Pose(0.5, 2.0, 0.0), (Pose(3.5, 2.0, 0.0),), ())
     masks = Zones(keepout=(zone(0.5, 0.5, 100),)), Zones(speed=(zone(2.5, 2.5, 100),))
     paths = [("fail", np.array([(0.5, 2.0), (3.5, 2.0)]))]
-    before, after = (Case("", occupancy, situation, (), paths, 0, zones=zones) for zones in masks)
+    before, after = (Case("", World(occupancy), situation, (), paths, 0, zones=zones) for zones in masks)
     figure = pair_figure("room", (before, after))
     points = (1.0, 1.0), (3.0, 3.0)
     (kept_out, plain), (as_plain, slower) = (colors_at(figure, axes, *points) for axes in figure.axes)

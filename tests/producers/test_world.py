@@ -7,7 +7,7 @@ from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate
 from vastflow.sim.reading.world import difference_of
-from vastflow.sim.world.difference import world_of
+from vastflow.sim.world.difference import differing
 from vastflow.sim.world.map_file import load_map
 
 ROOMS = [
@@ -59,7 +59,7 @@ def test_robot_finds_a_path_in_each_world(inputs):
     assert found
     occupancy = load_map(inputs["map_file"].path)
     for item in found:
-        world = world_of(occupancy, difference_of(item.values["world"]))
+        world = differing(occupancy, difference_of(item.values["world"]))
         for x_m in (0.0, 5.0):
             assert world.free[world.cell_of(x_m, 0.0)]
 

@@ -32,6 +32,7 @@ from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, OccupancyMap
 from vastflow.sim.world.octile import descend, distance_field, passable
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.world import World
 
 MAP_SEED: Final = 20
 RESOLUTION_M: Final = 0.05
@@ -106,9 +107,9 @@ class _Course:
     def __init__(self, floor: Floor, parameters: NavParameters) -> None:
         self.floor, self.parameters = floor, parameters
         occupancy = benchmark_map(floor)
-        prepare(occupancy, Lidar(), parameters)  # kernels of the preparation are compiled here, and timed below
+        prepare(World(occupancy), Lidar(), parameters)  # kernels of the preparation are compiled here, and timed below
         began = time.process_time()
-        self.prepared: PreparedMap = prepare(benchmark_map(floor), Lidar(), parameters)
+        self.prepared: PreparedMap = prepare(World(benchmark_map(floor)), Lidar(), parameters)
         self.preparation_s = time.process_time() - began
         self.routes = benchmark_routes(occupancy, floor.route_m)
         self.loop(0, self.routes[0]).advance()

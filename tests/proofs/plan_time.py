@@ -32,6 +32,7 @@ from vastflow.sim.nav2.planners.planner import PlannerInput, PlannerSetting
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
+from vastflow.sim.world.world import World
 
 Plan = Callable[[Pose, Pose], NDArray[np.float64]]
 
@@ -44,7 +45,7 @@ def planned(planner: Bound, given: PlannerInput) -> int:
 def plans_of(occupancy: OccupancyMap) -> dict[str, Plan]:
     """A function per planner that plans a path (N, 2) in meters, empty without a path."""
     nav2 = NavParameters()
-    costs = prepare(occupancy, Lidar(), nav2).costs
+    costs = prepare(World(occupancy), Lidar(), nav2).costs
     resolution_m, origin_xy_m = occupancy.resolution_m, occupancy.origin_xy_m
     setting = PlannerSetting(costs, costs, nav2.global_costmap, resolution_m, origin_xy_m)
     place, outline = np.array([*origin_xy_m, resolution_m]), outline_of(nav2.global_costmap)

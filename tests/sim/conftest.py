@@ -23,6 +23,7 @@ from vastflow.sim.reading.robot import robot_of
 from vastflow.sim.world.map_file import map_content
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
+from vastflow.sim.world.world import World
 
 CELLS = {".": 0, "#": 100, "?": -1}
 GRAY = {0: 254, 100: 0, -1: 205}
@@ -120,7 +121,7 @@ def over_a_floor() -> Callable[..., Recording]:
     ) -> Recording:
         floor = np.zeros((80, 280), dtype=np.int8) if cells is None else np.where(cells, 100, 0).astype(np.int8)
         floor[[0, -1]], floor[:, [0, -1]] = 100, 100
-        prepared = prepare(OccupancyMap(floor, RESOLUTION_M, (0.0, 0.0)), Lidar(), parameters, None, *masks)
+        prepared = prepare(World(OccupancyMap(floor, RESOLUTION_M, (0.0, 0.0))), Lidar(), parameters, *masks)
         mission = Mission("navigate_to_pose", (Pose(1.0 + length_m, 2.0, goal_yaw_rad),))
         robot, start = robot_of(parameters), Pose(1.0, 2.0, yaw_rad)
         return drive(prepared, parameters, Lidar(), robot, start, mission, (), (1, 2, 3), 120.0)

@@ -17,6 +17,7 @@ from vastflow.sim.nav2.parameters.servers import CollisionMonitor, MonitorZone
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.world import World
 
 NOTHING = np.full(360, np.inf)
 AHEAD = ((1.0, 0.3), (1.0, -0.3), (0.2, -0.3), (0.2, 0.3))
@@ -37,7 +38,7 @@ def records(ranges, zones=(), **monitor):
     """Parameter and memory records of a robot that has just seen `ranges` (360,)."""
     values = NavParameters(collision_monitor=CollisionMonitor(zones=tuple(zones), **monitor))
     floor = OccupancyMap(np.zeros((9, 9), dtype=np.int8), 0.05, (0.0, 0.0))
-    made = prepare(floor, Lidar(), values), values, Lidar(), Robot(), Pose(0.0, 0.0), obstacle_rows(())
+    made = prepare(World(floor), Lidar(), values), values, Lidar(), Robot(), Pose(0.0, 0.0), obstacle_rows(())
     stack = new_stack(*made, streams_of([1]), 1.0)
     stack.m["ranges"][:, :360] = ranges
     gathered(stack.p, stack.m)

@@ -20,8 +20,9 @@ from vastflow.sim.reading.robot import robot_facts, robot_of, robot_words
 from vastflow.sim.run import run
 from vastflow.sim.world.motion import arc, moved
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.physics import WallIndex, World
+from vastflow.sim.world.physics import Physics, WallIndex
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.world import World
 
 ACKERMANN = {"FollowPath.motion_model": "Ackermann", "FollowPath.AckermannConstraints.min_turning_r": 0.5}
 OMNI = {
@@ -45,7 +46,7 @@ def driven(system, start=START, goal=GOAL, timeout_s=90.0):
     floor = np.zeros((120, 280), dtype=np.int8)
     floor[[0, -1]], floor[:, [0, -1]] = 100, 100
     parameters = parameters_of(system)
-    prepared = prepare(OccupancyMap(floor, 0.05, (0.0, -1.0)), Lidar(), parameters)
+    prepared = prepare(World(OccupancyMap(floor, 0.05, (0.0, -1.0))), Lidar(), parameters)
     rows = []
 
     def look(stack, tick):
@@ -154,7 +155,7 @@ def test_engine_moves_an_omni_robot_as_it_moves_freely():
     steps = [(0.3, 0.5, -0.4)] * SUBSTEPS
     pose, expected = np.array([1.0, 1.0, 0.2]), (1.0, 1.0, 0.2)
     empty = OccupancyMap(np.zeros((40, 40), dtype=np.int8), 0.05, (0.0, 0.0))
-    World(Robot(drive="omni"), WallIndex(empty), ()).drive(pose, steps, 0.01, 0.0)
+    Physics(Robot(drive="omni"), WallIndex(empty), ()).drive(pose, steps, 0.01, 0.0)
     for v_mps, w_radps, vy_mps in steps:
         expected = moved(*expected, v_mps, w_radps, vy_mps, 0.01)
     assert pose == pytest.approx(expected, abs=1e-9)

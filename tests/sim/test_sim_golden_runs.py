@@ -31,6 +31,7 @@ from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.reading.robot import robot_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
+from vastflow.sim.world.world import World
 
 CONSTRAINTS: Final = Path(__file__).parents[2] / "deployments" / "constraints.txt"
 LIBRARIES: Final = ("llvmlite", "numba", "numpy", "pymunk", "scipy", "shapely")
@@ -138,7 +139,7 @@ def run_of(name: str, kind: str) -> Recording:
     cells = np.zeros((120, 200), dtype=np.int8)
     cells[[0, -1]], cells[:, [0, -1]], cells[:70, 90:94] = 100, 100, 100
     parameters = STACKS[name]
-    prepared = prepare(OccupancyMap(cells, 0.05, (0.0, 0.0)), Lidar(), parameters)
+    prepared = prepare(World(OccupancyMap(cells, 0.05, (0.0, 0.0))), Lidar(), parameters)
     mission, start = Mission("navigate_to_pose", (Pose(8.5, 1.5, 0.0),)), Pose(2.0, 2.0, -1.2)
     obstacles = (Obstacle("block", "box", Pose(4.6, 4.75, 0.0), 0.3, 2.4),) if kind == "blocked" else ()
     lasts_s = SHORT_S if kind == "short" else 60.0

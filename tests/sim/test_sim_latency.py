@@ -16,6 +16,7 @@ from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.world import World
 
 WALL_X_M = 13.5
 GOAL = Pose(11.0, 2.0, 0.0)
@@ -32,7 +33,7 @@ def loop():
         lidar = lidar or Lidar()
         system = {f"robot.latency.{name}": value for name, value in latency.items()}
         parameters = parameters_of({"controller": "rpp", **system})
-        prepared = prepare(OccupancyMap(floor, 0.05, (0.0, 0.0)), lidar, parameters)
+        prepared = prepare(World(OccupancyMap(floor, 0.05, (0.0, 0.0))), lidar, parameters)
         made = ClosedLoop(prepared, parameters, lidar, Robot(), Pose(1.0, 2.0, 0.0), (), (1, 2, seed), 60.0)
         made.localize(Pose(1.0, 2.0, 0.0))
         if goal:

@@ -14,6 +14,7 @@ from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.noise_registry import GaussianDropoutParameters
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.world import World
 
 ROUTES = 3
 ROUTE_M = 15.0
@@ -25,7 +26,7 @@ def recordings(map_file, noise_m=0.0, **perturbation):
     occupancy = load_map(map_file)
     noise = GaussianDropoutParameters(laserscan_gaussian_noise_std_deviation=noise_m)
     parameters = NavParameters(perturbation=Perturbation(**perturbation), lidar_noise=noise)
-    prepared = prepare(occupancy, Lidar(), parameters)
+    prepared = prepare(World(occupancy), Lidar(), parameters)
     routes = benchmark_routes(occupancy, ROUTE_M)[:ROUTES]
     return [
         drive(prepared, parameters, Lidar(), Robot(), route.start, route.mission, (), [0, 7, index], 180.0)

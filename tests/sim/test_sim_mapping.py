@@ -19,6 +19,7 @@ from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.motion import FREE, Body
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.world import World
 
 START = {"x": 2.98, "y": 2.42}
 CRATE = {"model": "box", "xacro_arguments": "length:=0.16, width:=0.8", "spawn_pose": {"x": 4.0, "y": 2.42}}
@@ -27,7 +28,7 @@ CRATE = {"model": "box", "xacro_arguments": "length:=0.16, width:=0.8", "spawn_p
 
 @pytest.fixture(scope="module")
 def prepared(two_rooms):
-    return prepare(load_map(two_rooms.path), Lidar(), NavParameters())
+    return prepare(World(load_map(two_rooms.path)), Lidar(), NavParameters())
 
 
 @pytest.fixture
@@ -88,7 +89,7 @@ def test_static_layer_puts_the_map_s_walls_into_the_window(after_a_tick):
 
 def test_global_costs_join_walls_and_obstacle_in_a_copy(after_a_tick, prepared, two_rooms):
     unused = NavParameters(global_costmap=global_costmap().with_values(static_layer=StaticLayer(enabled=False)))
-    assert not prepare(load_map(two_rooms.path), Lidar(), unused).costs.any()
+    assert not prepare(World(load_map(two_rooms.path)), Lidar(), unused).costs.any()
     before = [each.copy() for each in (prepared.costs, prepared.free_costs, prepared.static)]
     costs = after_a_tick(MARKED).grids.costs
     np.testing.assert_array_equal(before, (prepared.costs, prepared.free_costs, prepared.static))

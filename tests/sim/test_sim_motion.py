@@ -16,7 +16,7 @@ from vastflow.sim.model.pose import Pose
 from vastflow.sim.world import motion
 from vastflow.sim.world.motion import FREE, MARGIN_M, MOVING, TOUCHING, Body, arc, limited, moved, wrapped
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.physics import WallIndex, World
+from vastflow.sim.world.physics import Physics, WallIndex
 from vastflow.sim.world.robot_model import Robot
 from vastflow.sim.world.skip_table import skip_table_of
 
@@ -62,7 +62,7 @@ def test_body_moves_freely_beyond_a_millimeter_from_walls_as_in_the_engine(grid,
     if abs(away - ROBOT.radius_m - MARGIN_M) > 1e-9:
         assert free == (away > ROBOT.radius_m + MARGIN_M)
     if free:
-        world, driven = World(ROBOT, WallIndex(occupancy), ()), np.array(pose)
+        world, driven = Physics(ROBOT, WallIndex(occupancy), ()), np.array(pose)
         world.drive(driven, velocities.tolist(), DT_S, 0.0)
         assert driven == pytest.approx(after, abs=1e-12)
         assert not world.events

@@ -15,6 +15,7 @@ from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.reading.robot import robot_facts, robot_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
+from vastflow.sim.world.world import World
 
 WAY_M = 17.0
 RUNS = 120
@@ -37,7 +38,7 @@ def loop():
 
     @functools.cache
     def prepared_of(parameters):
-        return prepare(OccupancyMap(floor, 0.05, (0.0, 0.0)), Lidar(), parameters)
+        return prepare(World(OccupancyMap(floor, 0.05, (0.0, 0.0))), Lidar(), parameters)
 
     def make(seed, **system):
         parameters = parameters_of({"controller": "rpp", "velocity_timeout": 100.0, **system})

@@ -18,6 +18,7 @@ from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameter_files.plug_ins import PLANNER_PLUG_INS, find_planner
 from vastflow.sim.nav2.planners.conformance import CHECKS, check_paths, check_planner
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.world import World
 
 PAGE = Path(__file__).parents[2] / "docs" / "write-a-planner.md"
 
@@ -49,7 +50,7 @@ def test_robot_drives_by_page_planner(folder, two_rooms_map):
     parameters = parameters_of(system(folder))
     assert (type(parameters.planner).__name__, parameters.planner.most_cost) == ("Wavefront", 200)
     assert with_kernels(parameters.planner) is parameters.planner
-    prepared = prepare(two_rooms_map, Lidar(), parameters)
+    prepared = prepare(World(two_rooms_map), Lidar(), parameters)
     start, mission = Pose(2.0, 2.4, 0.0), Mission("navigate_to_pose", (Pose(6.0, 2.4, 0.0),))
     one, other = (drive(prepared, parameters, Lidar(), Robot(), start, mission, (), (1, 2, 3), 60.0) for _ in range(2))
     assert one.run.outcome == "succeeded"

@@ -21,6 +21,7 @@ from vastflow.sim.nav2.planners.navfn import travel_costs
 from vastflow.sim.nav2.planners.planner import NO_VALID_PATH
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.world import World
 
 OFFICE = Path(__file__).parents[2] / "campaigns" / "quickstart" / "maps" / "office.yaml"
 RESOLUTION_M = 0.05
@@ -46,7 +47,7 @@ class Desk:
 
     def __init__(self, cells, *goals, kind="navigate_to_pose", start=(1.0, 3.0), use_astar=False):
         parameters = NavParameters(planner=NavFn(use_astar=use_astar))
-        prepared = prepare(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), Lidar(), parameters)
+        prepared = prepare(World(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0))), Lidar(), parameters)
         here, mission = Pose(*start, 0.0), Mission(kind, tuple(Pose(x, y, 0.0) for x, y in goals))
         obstacles = np.zeros((0, 6))
         stack = new_stack(prepared, parameters, Lidar(), Robot(), here, obstacles, streams_of([1]), 60.0)

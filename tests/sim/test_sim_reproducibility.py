@@ -19,6 +19,7 @@ from vastflow.sim.run import run
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.world import World
 
 NOISE = {"laserscan_gaussian_noise_std_deviation": 0.05, "laserscan_random_drop_percentage": 0.1}
 CRATE = {"entity_name": "crate", "model": "box", "xacro_arguments": "width:=0.6", "spawn_pose": {"x": 2.6, "y": 1.7}}
@@ -101,7 +102,7 @@ def test_run_in_a_new_process_is_the_same_bytes(scenario, controller):
 def first_scan(scenario):
     """Ranges that the robot sees in the first tick, and the states of the random streams after it."""
     start, parameters = pose_of(scenario.task["start_pose"]), parameters_of(scenario.system)
-    prepared = prepare(load_map(scenario.environment["map_file"].path), Lidar(), parameters)
+    prepared = prepare(World(load_map(scenario.environment["map_file"].path)), Lidar(), parameters)
     entropy = run_entropy(0, scenario.situation_digest, 1)
     loop = ClosedLoop(prepared, parameters, Lidar(), Robot(), start, (), entropy, 60.0)
     loop.localize(start)

@@ -24,6 +24,7 @@ from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.run import run
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.world import World
 
 PLUG = {
     "entity_name": "plug",
@@ -167,7 +168,7 @@ def test_lidar_sees_spawned_and_not_deleted_obstacles(staged):
 @pytest.mark.parametrize("pushable", [False, True])
 def test_robot_is_free_after_touching_obstacle_is_deleted(two_rooms, pushable):
     parameters = NavParameters(controller=Rpp())
-    prepared, start = prepare(load_map(two_rooms.path), Lidar(), parameters), Pose(1.0, 1.0)
+    prepared, start = prepare(World(load_map(two_rooms.path)), Lidar(), parameters), Pose(1.0, 1.0)
     loop = ClosedLoop(prepared, parameters, Lidar(), Robot(), start, (), (0, 1, 2), 60.0)
     loop.localize(start)
     loop.navigate(Mission("navigate_to_pose", (Pose(3.0, 1.0),)))

@@ -20,6 +20,7 @@ from vastflow.sim.scenario.tree.messages import message
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.world import World
 
 ORIGIN = (-2.0, 1.5)
 """Of the two rooms in these tests, whose poses below are measured from it."""
@@ -134,7 +135,7 @@ def test_plan_and_pose_messages_use_map_frame(rooms):
     heard, yaw_rad = [], 0.5
     for angle in (0.0, yaw_rad):
         parameters = parameters_of({"controller": "rpp"})
-        prepared = prepare(load_map(rooms(angle).path), Lidar(), parameters)
+        prepared = prepare(World(load_map(rooms(angle).path)), Lidar(), parameters)
         start, goal = (frame(angle).pose_to_map(Pose(ORIGIN[0] + x, ORIGIN[1] + y, a)) for x, y, a in (START, GOAL))
         simulation = Simulation(prepared, parameters, Lidar(), Robot(), start, (), (0, 0, 1), 20.0)
         simulation.localize(start)

@@ -14,7 +14,7 @@ from vastflow.sim.model.obstacle import Obstacle, Trigger
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.world.motion import FREE, MOVING, TOUCHING, arc
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.physics import GRAVITY_MPS2, TRACTION, WallIndex, World
+from vastflow.sim.world.physics import GRAVITY_MPS2, TRACTION, Physics, WallIndex
 from vastflow.sim.world.robot_model import Robot
 
 DT_S = 0.01
@@ -42,7 +42,7 @@ class Driven:
 
     def __init__(self, start, obstacles=(), walls=None, robot=ROBOT):
         self.robot = robot
-        self.world = World(robot, walls or hall(), obstacles)
+        self.world = Physics(robot, walls or hall(), obstacles)
         self.pose = np.array([start.x_m, start.y_m, start.yaw_rad])
         self.t_s = 0.0
 

@@ -10,7 +10,7 @@ from vastflow.sim.model.recording import si
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.reading.world import difference_of
 from vastflow.sim.run import run
-from vastflow.sim.world.difference import WorldDifference, world_of
+from vastflow.sim.world.difference import WorldDifference, differing
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from vastflow.sim.world.robot_model import Robot
 
@@ -21,7 +21,7 @@ def offsets_of_a_wall(seed: int, **given: float) -> np.ndarray:
     """Offsets (m) of a straight wall's face from its place on the map, along the wall."""
     cells = np.full((400, 40), FREE, dtype=np.int8)
     cells[:, 20:24] = OCCUPIED
-    world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, **given))
+    world = differing(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, **given))
     assert world.occupied.any(axis=1).all()
     return world.occupied.argmax(axis=1) * world.resolution_m - 20 * RESOLUTION_M
 
@@ -46,7 +46,7 @@ def test_single_cell_wall_is_kept():
     cells = np.full((200, 60), FREE, dtype=np.int8)
     cells[:, 30] = OCCUPIED
     for seed in range(20):
-        world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, wall_offset_m=0.2))
+        world = differing(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, wall_offset_m=0.2))
         assert ndimage.label(world.occupied, np.ones((3, 3)))[1] == 1
         assert world.occupied.any(axis=1).all()
 
@@ -54,11 +54,11 @@ def test_single_cell_wall_is_kept():
 def test_world_has_the_maps_extent_frame_and_unknown_space():
     cells = np.full((40, 60), UNKNOWN, dtype=np.int8)
     turned = OccupancyMap(cells, RESOLUTION_M, (-3.0, 2.0), 0.3)
-    world = world_of(turned, WorldDifference(1, wall_offset_m=0.05))
+    world = differing(turned, WorldDifference(1, wall_offset_m=0.05))
     assert (world.shape, world.resolution_m) == ((80, 120), 0.025)
     assert world.frame == turned.frame
     assert (world.cells == UNKNOWN).all()
-    coarse = world_of(OccupancyMap(np.zeros((9, 9), dtype=np.int8), 0.06, (0.0, 0.0)), WorldDifference(1, 0.05))
+    coarse = differing(OccupancyMap(np.zeros((9, 9), dtype=np.int8), 0.06, (0.0, 0.0)), WorldDifference(1, 0.05))
     assert (coarse.shape, coarse.resolution_m) == ((27, 27), pytest.approx(0.02))
 
 
@@ -71,7 +71,7 @@ def test_furniture_is_removed_with_probability_and_walls_are_kept():
     n_pieces = 19 * 19
     kept = []
     for seed in range(5):
-        world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, missing_share=0.3))
+        world = differing(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, missing_share=0.3))
         assert (world.cells[:4] == OCCUPIED).all()
         kept.append(ndimage.label(world.occupied)[1] - 1)
     assert 1 - np.mean(kept) / n_pieces == pytest.approx(0.3, abs=0.05)
@@ -80,7 +80,7 @@ def test_furniture_is_removed_with_probability_and_walls_are_kept():
 def test_furniture_is_at_most_2_meters_long():
     cells = np.zeros((100, 100), dtype=np.int8)
     cells[10, 10:50], cells[20, 10:51] = OCCUPIED, OCCUPIED
-    world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(0, missing_share=1.0))
+    world = differing(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(0, missing_share=1.0))
     assert not world.occupied[10].any()
     assert world.occupied[20].sum() == 41
 
@@ -98,7 +98,7 @@ def test_world_changes_the_checked_scenario(scenario):
 def test_estimate_follows_a_shift_of_all_walls(scenario, two_rooms_map):
     """The scan fits the map only where the robot takes itself to be offset as much the other way."""
     given = {"seed": 6, "wall_offset": 0.2, "correlation_length": 1000.0}
-    world = world_of(two_rooms_map, difference_of(given))
+    world = differing(two_rooms_map, difference_of(given))
     corners_m = [
         [each.free.any(axis=axis).argmax() * each.resolution_m for axis in (0, 1)] for each in (world, two_rooms_map)
     ]
@@ -117,7 +117,7 @@ def test_body_keeps_out_of_the_worlds_walls(scenario, two_rooms_map, seed):
     """With offsets of 0.25 m it would enter them by the width of a hand, did physics take the map's."""
     given = {"seed": seed, "wall_offset": 0.25, "correlation_length": 3.0}
     recording = run(scenario(world=given, timeout_s=60.0), 0, 0)
-    world = world_of(two_rooms_map, difference_of(given))
+    world = differing(two_rooms_map, difference_of(given))
     room_m = ndimage.distance_transform_edt(~world.occupied) * world.resolution_m
     cells = world.in_cells(np.column_stack([si(recording.columns[name]) for name in ("x_mm", "y_mm")])).astype(int)
     assert room_m[cells[:, 0], cells[:, 1]].min() >= Robot().radius_m - world.resolution_m

@@ -6,7 +6,7 @@ walls and likelihood field, one that varies AMCL's parameters the costs.
 
 import functools
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +18,14 @@ from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, UNKNOWN, cost_sta
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.world.difference import WorldDifference, world_of
+from vastflow.sim.world.map_file import CACHED_MAPS
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import WallIndex
 from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.skip_table import SkipTable, skip_table_of
+from vastflow.sim.world.world import CACHED_WORLDS, World
 
 Cells: TypeAlias = NDArray[np.uint8]
-
-CACHED_MAPS: Final = 6
-"""About 45 bytes a cell: 130 MB for a building of 85 m × 85 m."""
-CACHED_WORLDS: Final = 2
-"""Number of cached worlds that differ from their map. Each has up to four times its cells, of 10 bytes each, and belongs to
-one configuration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +33,8 @@ class PreparedMap:
     """Read-only tables of one map; runs copy the parts that they change.
 
     Attributes:
-        world: The map as the world has it, with its walls.
+        occupancy: What the robot knows.
+        world: The walls as they stand.
         skips: What the lidar casts against: the world's walls.
         cubed: AMCL's likelihood field.
         static: (H, W) uint8 of 0, 254, 255: the static layer.
@@ -67,21 +63,20 @@ class PreparedMap:
 
 
 def prepare(
-    occupancy: OccupancyMap,
+    world: World,
     lidar: Lidar,
     parameters: NavParameters,
-    difference: WorldDifference | None = None,
     keepout: OccupancyMap | None = None,
     speed: OccupancyMap | None = None,
 ) -> PreparedMap:
-    """Tables of a map for a robot with these parameters, computed once for each map object.
+    """Tables of a world for a robot with these parameters, computed once for each map object.
 
     Args:
-        difference: How the world differs from the map.
         keepout, speed: The masks of the costmaps' filters.
     """
     q = parameters.amcl
-    geometry = _geometry(occupancy) if difference is None else _other_geometry(occupancy, difference)
+    occupancy = world.map
+    geometry = (_geometry if world.difference is None else _other_geometry)(world.walls)
     range_max_m = usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1]
     cubed = _likelihood(occupancy, range_max_m, q.z_hit, q.z_rand, q.sigma_hit, q.laser_likelihood_max_dist)
     local, everywhere = parameters.local_costmap, parameters.global_costmap
@@ -91,13 +86,11 @@ def prepare(
 
 
 @functools.lru_cache(maxsize=CACHED_MAPS)
-def _geometry(world: OccupancyMap) -> tuple[OccupancyMap, WallIndex, SkipTable]:
-    return world, WallIndex(world), skip_table_of(world.occupied)
+def _geometry(walls: OccupancyMap) -> tuple[OccupancyMap, WallIndex, SkipTable]:
+    return walls, WallIndex(walls), skip_table_of(walls.occupied)
 
 
-@functools.lru_cache(maxsize=CACHED_WORLDS)
-def _other_geometry(occupancy: OccupancyMap, difference: WorldDifference) -> tuple[OccupancyMap, WallIndex, SkipTable]:
-    return _geometry.__wrapped__(world_of(occupancy, difference))
+_other_geometry = functools.lru_cache(maxsize=CACHED_WORLDS)(_geometry.__wrapped__)
 
 
 @functools.lru_cache(maxsize=CACHED_MAPS)
