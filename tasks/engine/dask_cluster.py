@@ -61,7 +61,7 @@ class _Job:
 
 
 class DaskCluster:
-    """The executor of a Dask cluster; it connects when the first unit comes.
+    """The executor of a Dask cluster; it connects when the first evaluation or unit comes.
 
     Args:
         address: `tcp://…`, `tls://…`, a scheduler file, or `local:N`.
@@ -106,6 +106,8 @@ class DaskCluster:
     def submit(self, function: Callable[..., Any], /, *arguments: Any, priority: Priority) -> "Future[Any]":
         """See `vastflow.tasks.engine.executor.Executor`."""
         if priority is Priority.EVALUATE:
+            with self._lock:
+                self._connect()  # a cluster that is away or has no worker is told while this machine evaluates
             return self._local.submit(function, *arguments, priority=priority)
         try:
             message = self._message(self._packer.packed((function, *arguments)))
@@ -123,8 +125,7 @@ class DaskCluster:
             self._open[job.number] = job
             if self._client is not None:
                 self._send(job)
-            else:
-                self._connect()
+            self._connect()
         return job.outcome
 
     def shared(self, value: object) -> Shared:
@@ -201,8 +202,8 @@ class DaskCluster:
                 job.future.cancel()
 
     def _connect(self) -> None:
-        """Connect from a thread, and send all that is open then."""
-        if self._connecting is None:
+        """Connect from a thread where nothing is connected, and send all that is open then."""
+        if self._client is None and self._connecting is None:
             self._connecting = threading.Thread(target=self._connected, name="vastflow cluster", daemon=True)
             self._connecting.start()
 
@@ -303,7 +304,7 @@ class DaskCluster:
 
     def _watch(self, client: Any) -> None:
         """Count the workers that compute, as long as this client is in use, and free units of those that pause."""
-        lonely_s, told, idle = time.monotonic(), False, frozenset[str]()
+        lonely_s, told, idle = time.monotonic() if self._threads else -NO_WORKER_S, False, frozenset[str]()
         while self._client is client:
             with suppress(Exception):
                 workers = client.scheduler_info(n_workers=-1)["workers"]
@@ -318,7 +319,10 @@ class DaskCluster:
 
     def _no_worker(self, paused: int) -> str:
         if not paused:
-            return f"no worker at {self._address}. Start one: dask worker {self._address} --nthreads 1 --dashboard-address 127.0.0.1:0"
+            return (
+                f"no worker at {self._address}. Start one, unless some are on their way: dask worker {self._address} --nthreads 1 "
+                "--dashboard-address 127.0.0.1:0"
+            )
         return (
             f"all workers at {self._address} ({paused}) are paused by Dask, as they use more memory than their limit allows. "
             "Start others, or these anew, with a higher --memory-limit or with --memory-limit 0."

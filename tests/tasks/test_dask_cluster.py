@@ -312,15 +312,16 @@ def test_cpu_time_of_workers_elsewhere_includes_their_preparation(opened, tmp_pa
     assert 0.2 < executor.tally.elsewhere_cpu_s < 30.0
 
 
-def test_cluster_without_worker_prints_command_and_waits(opened, monkeypatch, dask):
-    monkeypatch.setattr(dask_cluster, "NO_WORKER_S", 0.1)
+def test_cluster_without_worker_prints_command_during_instantiation_and_waits(opened, monkeypatch):
+    monkeypatch.setattr(dask_cluster, "NO_WORKER_S", 1000.0)  # of workers that were there
     with distributed.LocalCluster(n_workers=0, processes=False, protocol="tcp", dashboard_address=":0") as empty:
         executor = opened(empty.scheduler_address)
-        unit = execute(executor, len, "ab")
+        assert executor.submit(len, "a", priority=Priority.EVALUATE).result(0) == 1
         while len(executor.notices) < 2:
             time.sleep(0.05)
         assert executor.notices[0] == f"Dask's dashboard: {executor._client.dashboard_link}"
-        assert executor.notices[1].startswith(f"no worker at {empty.scheduler_address}. Start one: dask worker")
+        assert executor.notices[1].startswith(f"no worker at {empty.scheduler_address}. Start one, unless some are")
+        unit = execute(executor, len, "ab")
         empty.scale(1)
         assert unit.result(60) == 2
         executor.close()
