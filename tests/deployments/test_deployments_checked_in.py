@@ -104,7 +104,8 @@ def test_templates_of_pools_agree_with_deployments_options_and_each_other():
         used = set(re.findall(r"\{\{ (\w+) \}\}", json.dumps(configuration)))
         assert used | {"env"} == set(variables(kind))
         assert variables(kind)["image"]["default"] == deployment.IMAGE
-    assert len({json.dumps(each["env"]) for each in configurations.values()}) == 1
+    docker, cluster = ({**each["env"], "XDG_CACHE_HOME": ""} for each in configurations.values())
+    assert docker == cluster  # but for the folder of kernels, which Docker copies from the image into a volume
     defaults = {name: about.get("default") for name, about in variables("kubernetes").items()}
     assert (defaults["queue"], defaults["namespace"], defaults["cpu"]) == (
         deployment.NAME,

@@ -4,6 +4,7 @@ import asyncio
 import json
 import re
 import uuid
+from pathlib import Path
 from typing import Any
 
 import kubernetes_validate
@@ -19,6 +20,7 @@ from vastflow.tasks.prefect.registration import pool_template
 
 QUEUE_LABEL = "kueue.x-k8s.io/queue-name"
 IMAGE_USER = 1000
+DOCKERFILE = Path(__file__).parents[2] / "deployments" / "Dockerfile"
 LOOKED_FOR = "prefect-job"
 """The container in which Prefect's worker looks for the flow run."""
 _ENV = pool_template(PoolType.kubernetes)["job_configuration"]["env"]
@@ -39,6 +41,7 @@ class Configuration(BaseJobConfiguration):
     job_manifest: dict[str, Any] = Field(default_factory=dict)
     volumes: list[str] = Field(default_factory=list)
     mem_limit: str | None = None
+    container_create_kwargs: dict[str, Any] = Field(default_factory=dict)
     image: str = ""
 
 
@@ -74,6 +77,11 @@ def test_job_of_every_key_of_campaign_file_is_valid_and_has_them(described):
     assert spec["nodeSelector"] == {"disk": "ssd", "example.org/fast": "true"}
     assert spec["securityContext"]["runAsUser"] == IMAGE_USER
     assert {mount["name"] for mount in main["volumeMounts"]} == {volume["name"] for volume in spec["volumes"]}
+    for container in (*spec["initContainers"], main):
+        assert container["securityContext"]["readOnlyRootFilesystem"] is True
+        assert container["image"] == IMAGE
+    folders = {mount["mountPath"] for mount in main["volumeMounts"]}
+    assert {made.env["HOME"], made.env["XDG_CACHE_HOME"], DATA, "/tmp", "/dev/shm"} <= folders
     assert {"name": "data", "mountPath": DATA} in main["volumeMounts"]
 
 
@@ -122,6 +130,10 @@ def test_template_removes_settings_of_places_and_secrets():
 def test_docker_job_has_volume_and_memory_and_process_job_neither(described):
     made = configured(PoolType.docker, job_variables(PoolType.docker, described(), IMAGE, NAME))
     assert (made.volumes, made.mem_limit, made.image) == ([f"vastflow:{DATA}"], f"{8 * 2**30}b", "vastflow:latest")
+    assert made.container_create_kwargs["read_only"] is True
+    folders = {mount["Target"] for mount in made.container_create_kwargs["mounts"]}
+    assert {made.env["HOME"], made.env["XDG_CACHE_HOME"], "/tmp"} <= folders
+    assert re.search(rf"XDG_CACHE_HOME={made.env['XDG_CACHE_HOME']}\s", DOCKERFILE.read_text())  # which has the kernels
     assert job_variables(PoolType.process, described(), IMAGE, NAME) == {}
 
 
