@@ -2,12 +2,12 @@
 
 munged, slurmctld, and slurmd run in a folder of their own. SLURM's one node claims ten cores, whatever this machine has, so of the
 hundred jobs of the page's script ten run and ninety wait. The script is taken from the page; what differs on each cluster is
-replaced: the network's interface, the shared folder, and the campaign, here of 30 configurations with 4 runs each. All files of the
+replaced: the network's interface, the shared folder, and the campaign, here of 30 configurations with `--runs` each. All files of the
 campaign directory must be equal byte by byte but for what says when and how it was computed, and no job may be left.
 
 Takes root, and of Debian `apt-get install slurm-wlm munge`, and `pip install dask-jobqueue`.
 
-    python tests/proofs/slurm.py [--folder FOLDER]
+    python tests/proofs/slurm.py [--runs N] [--folder FOLDER]
 """
 
 import argparse
@@ -140,8 +140,9 @@ def cpu_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def proven(folder: Path) -> bool:
+def proven(folder: Path, runs: int) -> bool:
     lab = Lab.made(folder, copied=False, robot=True)
+    lab.campaign.write_text(lab.campaign.read_text().replace(f"runs: {RUNS}", f"runs: {runs}"))
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "VASTFLOW_"))}
     environment = {"XDG_CACHE_HOME": str(folder / "cache"), **kept, "HOME": str(folder)}
     here, shared = folder / "here", folder / "shared"
@@ -164,7 +165,7 @@ def proven(folder: Path) -> bool:
     print(f"executed {counts['executed']} runs; {counts['cpu_s']:.1f} CPU-s by metadata.json")
     different = differing(digests(mine), digests(theirs))
     print(different or f"{len(digests(mine))} files of the campaign directory are equal; jobs left: {left or 'none'}")
-    right = most.get("RUNNING") == workers == NODE_CORES and counts["executed"] == CONFIGURATIONS * RUNS
+    right = most.get("RUNNING") == workers == NODE_CORES and counts["executed"] == CONFIGURATIONS * runs
     return right and not different and not left
 
 
@@ -181,6 +182,7 @@ def end_all() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, help="where all is made and kept; else a temporary one")
+    parser.add_argument("--runs", type=int, default=RUNS, help="runs of each configuration")
     asked = parser.parse_args()
     if lacking := missing():
         parser.error(f"takes {', '.join(lacking)}")
@@ -190,7 +192,7 @@ def main() -> None:
         folder = (asked.folder or Path(temporary)).resolve()
         folder.mkdir(parents=True, exist_ok=True)
         try:
-            right = proven(folder)
+            right = proven(folder, asked.runs)
         finally:
             end_all()
     raise SystemExit(not right)
