@@ -7,8 +7,10 @@ import numpy as np
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Trace
 
+REMOVED_M: Final = 0.75
+"""Distance of the estimate at which Nav2 takes a goal for passed: the 0.7 m of RemovePassedGoals, and the way between two rows."""
 PASSED_M: Final = 1.0
-"""Distance at which a goal is passed: the 0.7 m of Nav2's RemovePassedGoals, and 0.3 m for its estimate of the robot's position."""
+"""That of the robot itself, as its estimate is off."""
 
 
 def missed_goals(trace: Trace, situation: Situation) -> int:
@@ -19,9 +21,12 @@ def missed_goals(trace: Trace, situation: Situation) -> int:
     """
     if trace.run.outcome != "succeeded" or not len(trace):
         return trace.run.missed_goals
-    at, missed = 0, 0
+    at, missed, limits = 0, 0, [(trace.xy_m, PASSED_M)]
+    if "estimated_x_m" in trace.columns:
+        limits += [(np.column_stack([trace["estimated_x_m"], trace["estimated_y_m"]]), REMOVED_M)]
     for goal in situation.passed:
-        near = np.flatnonzero(np.hypot(*(trace.xy_m[at:] - (goal.x_m, goal.y_m)).T) <= PASSED_M)
+        within = [np.hypot(*(xy_m[at:] - (goal.x_m, goal.y_m)).T) <= limit_m for xy_m, limit_m in limits]
+        near = np.flatnonzero(np.all(within, axis=0))
         if near.size:
             at += int(near[0])
         else:

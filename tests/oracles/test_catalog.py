@@ -105,6 +105,27 @@ def test_goals_of_mission_through_poses_count_in_their_order(xs_m, passed, misse
     assert missed_goals(trace, Situation(home, (*poses, home), (), passed=poses)) == missed
 
 
+@each_row(
+    ("true_m", "estimated_m", "missed"),
+    [
+        (
+            (0.0, 0.0),
+            (0.0, 0.0),
+            1,
+        ),  # 0.9 m from the start, and Nav2 passes within 0.7 m (navigate_through_poses_w_replanning_and_recovery.xml:15)
+        ((0.0, 0.0), (0.0, 0.3), 0),
+        ((0.0, 0.9), (0.0, 0.9), 0),
+        ((0.0, -0.2), (0.0, 0.9), 1),  # the estimate alone was there
+    ],
+)
+def test_goal_beside_the_start_is_passed_where_nav2_takes_it_for_passed(true_m, estimated_m, missed):
+    run, home, beside = Run(3, "0", "succeeded", 0, "", 0.2, 0.0, 0, 0, ()), Pose(0.0, 0.0), Pose(0.9, 0.0)
+    xs = {"x_m": np.array(true_m), "estimated_x_m": np.array(estimated_m)}
+    zeros = dict.fromkeys(("y_m", "estimated_y_m", "t_s"), np.zeros(2))
+    trace = Trace(run, {**xs, **zeros}, STRAIGHT)
+    assert missed_goals(trace, Situation(home, (beside, home), (), passed=(beside,))) == missed
+
+
 # performance
 
 
