@@ -20,7 +20,12 @@ CALL = re.compile(
     r"|searchAndGetParam|getParam)\s*(?:<[\w:<>, ]*>)?\("
 )
 NOT_CODE = re.compile(r'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
-CONSTANTS = {"mode": "0", "MAX_NON_OBSTACLE": "252", "static_cast<unsigned char>(0xff)": "255"}
+CONSTANTS = {
+    "mode": "0",
+    "source_timeout_.seconds()": "2.0",
+    "MAX_NON_OBSTACLE": "252",
+    "static_cast<unsigned char>(0xff)": "255",
+}
 
 
 def without_comments(text: str) -> str:

@@ -24,9 +24,9 @@ _NESTED: Final = (("smoother",), ("AckermannConstraints",))
 """Groups in plug-ins, of which nothing else has the name."""
 _SOURCES: Final[Mapping[str, str]] = {
     **dict.fromkeys(("ObstacleLayer", "VoxelLayer"), "scan"),
-    "collision_monitor": "monitored scan",
+    "collision_monitor": "monitored {}",
 }
-"""Kinds with sources, also those that are not modeled, to what is declared of these."""
+"""Kinds with sources, also those that are not modeled, to what is declared of these, by their type."""
 _OF_SOURCES: Final[Mapping[tuple[str, str], Sequence[Value]]] = {
     ("ObstacleLayer", "data_type"): _SEEN,
     ("VoxelLayer", "data_type"): _SEEN,
@@ -77,7 +77,7 @@ def _declared(found: Interpretation, path: ParameterLocation) -> tuple[Parameter
     for group, kind in (
         (path[:-1], "RotationShim" if _is_shim(found, path[:-1]) else ""),
         (path[:-1], path[-2] if path[-2:-1] in _NESTED else ""),
-        (path[:-1], _SOURCES.get(reader.kinds.get(path[:-2], ""), "") if _is_source(found, path[:-1]) else ""),
+        (path[:-1], _source_kind(found, path[:-1])),
     ):
         if path[-1] in table.get(kind, {}):
             return group, table[kind]
@@ -97,9 +97,11 @@ def _is_shim(found: Interpretation, group: ParameterLocation) -> bool:
     return plugin in found.reader.asked and class_name(str(found.reader.asked[plugin])) == ROTATION_SHIM
 
 
-def _is_source(found: Interpretation, group: ParameterLocation) -> bool:
+def _source_kind(found: Interpretation, group: ParameterLocation) -> str:
     names = found.reader.asked.get((*group[:-1], "observation_sources"))
-    return group[-1] in (names.split() if isinstance(names, str) else names if isinstance(names, Sequence) else ())
+    sources = names.split() if isinstance(names, str) else names if isinstance(names, Sequence) else ()
+    kind = _SOURCES.get(found.reader.kinds.get(group[:-1], ""), "") if group[-1] in sources else ""
+    return kind.format(found.document.values.get((*group, "type"), "scan"))
 
 
 def _unread(value: Value, node: str) -> str:
