@@ -17,7 +17,6 @@ from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameter_files.refusals import refusals
 from vastflow.sim.nav2.parameter_files.releases import release_of
 from vastflow.sim.nav2.parameters.costmap import NEVER_HZ
-from vastflow.sim.nav2.parameters.servers import NO_CHECKER
 
 INFLATION = "inflation_layer: {plugin: 'nav2_costmap_2d::InflationLayer'}"
 GOAL = "general_goal_checker: {plugin: 'nav2_controller::SimpleGoalChecker'"
@@ -240,12 +239,12 @@ def test_release_without_a_file_is_an_error(tmp_path):
 
 def test_several_goal_checkers_are_as_the_release_says():
     text = server(f"goal_checker_plugins: [g, general_goal_checker], g: {GOAL.partition(': ')[2]}}}, {GOAL}}}, {RPP}}}")
-    tolerances = []
+    found = []
     for release in ("jazzy", "lyrical"):
         document = parse(f"{text}")
         document = replace(document, values={**document.values, ("nav2_release",): release})
-        tolerances.append(interpretation(document).parameters.goal_checker.xy_goal_tolerance)
-    assert tolerances == [NO_CHECKER, 0.25]
+        found.append(interpretation(document).parameters.controller_server.refusal)
+    assert found == [100, 0]
 
 
 def test_speed_of_rpp_has_another_name_since_lyrical():

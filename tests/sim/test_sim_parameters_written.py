@@ -17,7 +17,7 @@ from vastflow.sim.nav2.parameters.rpp import RppParameters
 from vastflow.sim.nav2.parameters.servers import RotationShim, SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
-_ONE_BY_ONE = ("short_clearing_cells", "place", "consider_footprint", "group_connectivity_type")
+_ONE_BY_ONE = ("refusal", "short_clearing_cells", "place", "consider_footprint", "group_connectivity_type")
 
 
 @st.composite

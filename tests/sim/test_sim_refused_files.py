@@ -11,8 +11,8 @@ from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import parse
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameter_files.refusals import refusals
-from vastflow.sim.nav2.parameters.servers import NO_CHECKER
 
 RPP = "{plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}"
 SIMPLE = "{plugin: 'nav2_controller::SimpleGoalChecker', xy_goal_tolerance: 0.05}"
@@ -52,7 +52,7 @@ def mppi(critics, text=""):
 )
 def test_several_checkers_of_which_the_tree_names_none_refuse_every_path(text, is_followed):
     found = controller_server(text)
-    assert (found.parameters.goal_checker.xy_goal_tolerance != NO_CHECKER) == is_followed
+    assert found.parameters.controller_server.refusal == (0 if is_followed else 100)
     assert any("refuses each path" in consequence for _, consequence in found.reader.warnings.values()) != is_followed
 
 
@@ -70,31 +70,55 @@ def test_several_checkers_count_where_the_tree_is_a_users(tree, is_followed):
     own = f"goal_checker_plugins: [a, b], a: {SIMPLE}, b: {{plugin: 'nav2_controller::StoppedGoalChecker'}}"
     text = f"controller_server: {{ros__parameters: {{{own}}}}}\nbt_navigator: {{ros__parameters: {{{tree}}}}}"
     found = interpretation(parse(text))
-    assert found.parameters.goal_checker.xy_goal_tolerance == (0.05 if is_followed else NO_CHECKER)
+    assert found.parameters.controller_server.refusal == (0 if is_followed else 100)
+    assert not is_followed or found.parameters.goal_checker.xy_goal_tolerance == 0.05
     said = {path[-1]: words for path, words in found.reader.warnings.items()}
     words, consequence = said["goal_checker_plugins"]
     assert ("a is used, as if" in consequence and "mine.xml" in words) == is_followed
 
 
+NAVFN = "{plugin: nav2_navfn_planner/NavfnPlanner}"
+
+
 @each_row(
-    ("text", "tree", "words"),
+    ("text", "tree", "refusals", "words"),
     [
-        (f"controller_server: {{ros__parameters: {{controller_plugins: [F], F: {RPP}}}}}", "", "FollowPath"),
-        (f"controller_server: {{ros__parameters: {{controller_plugins: [F], F: {RPP}}}}}", "mine.xml", ""),
+        (f"controller_server: {{ros__parameters: {{controller_plugins: [F], F: {RPP}}}}}", "", (101, 0), "FollowPath"),
         (
-            "planner_server: {ros__parameters: {planner_plugins: [P], P.plugin: nav2_navfn_planner/NavfnPlanner}}",
-            "",
-            "GridBased",
+            f"controller_server: {{ros__parameters: {{controller_plugins: [F, G], F: {RPP}, G: {RPP}}}}}",
+            "/opt/navigate_w_replanning_time.xml",
+            (101, 0),
+            "FollowPath",
         ),
+        (f"controller_server: {{ros__parameters: {{controller_plugins: [F], F: {RPP}}}}}", "mine.xml", (0, 0), ""),
+        (
+            f"controller_server: {{ros__parameters: {{controller_plugins: [F, FollowPath], F: {RPP}, FollowPath: {RPP}}}}}",
+            "",
+            (0, 0),
+            "",
+        ),
+        (f"planner_server: {{ros__parameters: {{planner_plugins: [P], P: {NAVFN}}}}}", "", (0, 201), "GridBased"),
+        (f"planner_server: {{ros__parameters: {{planner_plugins: [P], P: {NAVFN}}}}}", "mine.xml", (0, 0), ""),
     ],
 )
-def test_plug_in_that_no_tree_asks_for_is_used_with_warning(text, tree, words):
+def test_plug_in_that_no_tree_asks_for_makes_the_action_end_as_in_nav2(text, tree, refusals, words):
     found = interpretation(
         parse(f"{text}\nbt_navigator: {{ros__parameters: {{default_nav_to_pose_bt_xml: '{tree}'}}}}")
     )
-    said = [words for words, _ in found.reader.warnings.values() if "abort each mission" in words]
+    servers = found.parameters.controller_server, found.parameters.planner_server
+    assert tuple(server.refusal for server in servers) == refusals
+    said = [words for words, then in found.reader.warnings.values() if "missions abort" in then]
     assert len(said) == (words != "")
-    assert all(f"ask for {words}, find none" in each for each in said)
+    assert all(f"ask for {words}, and there is " in each for each in said)
+
+
+def test_controller_that_a_campaign_chooses_is_used_as_if_the_tree_asked_for_it(tmp_path):
+    own = "{plugin: 'dwb_core::DWBLocalPlanner', critics: [PathDist]}"
+    text = (
+        f"controller_server: {{ros__parameters: {{controller_plugins: [FollowPath, D], FollowPath: {RPP}, D: {own}}}}}"
+    )
+    (file := tmp_path / "nav2.yaml").write_text(text)
+    assert parameters_of({"nav2_params": nav2_file(file), "controller": "dwb"}).controller_server.refusal == 0
 
 
 @each_row(
@@ -156,6 +180,10 @@ def test_file_with_which_a_node_ends_is_refused(text, words):
         ("collision_monitor", f"{CIRCLE}, radius: 1.0}}, scan: {{topic: 3}}", 1),
         ("collision_monitor", f"{CIRCLE}, radius: 1.0}}, scan: {{min_height: 0}}", 0),  # a scan declares none
         ("collision_monitor", f"{CIRCLE}, radius: 1.0}}, cloud: {{enabled: 1}}", 1),
+        ("collision_monitor", f"{CIRCLE}, radius: 1.0}}, cloud: {{min_height: 0, max_height: 1, min_range: 0}}", 3),
+        ("collision_monitor", f"{CIRCLE}, radius: 1.0}}, scan: {{source_timeout: 1}}", 1),
+        ("collision_monitor", "use_realtime_priority: 1", 1),
+        ("velocity_smoother", "stamp_smoothed_velocity_with_smoothing_time: 1, use_realtime_priority: 1", 2),
         ("planner_server", f"{HYBRID}, smoother: {{max_iterations: 1000.0}}}}", 1),
         ("my_node", "own: [1, 1.0]", 1),
     ],

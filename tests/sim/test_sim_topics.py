@@ -1,13 +1,16 @@
 """Topics of a Nav2 parameter file that do not meet have the effect that they have in Nav2."""
 
+import pytest
 from table import each_row
 
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of, unused_because
 from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER, command_chain, filter_chains
 from vastflow.sim.nav2.parameter_files.document import parse
 from vastflow.sim.nav2.parameter_files.findings import findings
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.nav2.parameters.costmap import NEVER_HZ
 
 RPP = "{plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}"
 INFO = (
@@ -28,6 +31,13 @@ def with_speed_filter(said, heard):
         (", speed_limit_topic: /speed_limit", "", True, "(speed_limit)"),
         (", speed_limit_topic: zone", ", speed_limit_topic: /zone", True, "(zone)"),
         (", speed_limit_topic: zone", "", False, "(zone) ✗ (speed_limit)"),
+        (
+            ", speed_limit_topic: /zones/speed_limit",
+            ", speed_limit_topic: /speed_limit",
+            False,
+            "(zones/speed_limit) ✗ (speed_limit)",
+        ),
+        (", speed_limit_topic: /robot/speed_limit", "", True, "(robot/speed_limit)"),
         (", speed_limit_topic: zone", ", speed_limit_topic: speed_limit", False, "(zone) ✗ (speed_limit)"),
         ("", ", speed_limit_topic: other", False, "(speed_limit) ✗ (other)"),
     ],
@@ -164,3 +174,80 @@ def test_robot_stands_where_commands_have_two_types(controller, smoother, monito
     assert (found.parameters.velocity_smoother.max_velocity[0] == 0.0) == stands
     assert ("✗" in command_chain(found.document, found.left_away)) == stands
     assert any("another type" in what for what, _ in found.reader.warnings.values()) == stands
+
+
+AREA = "polygons: [P], P: {type: polygon, action_type: approach, min_points: 6MORE}, observation_sources: [scan], scan: {type: scan}"
+CIRCLE = "{type: circle, action_type: slowdown, radius: 0.5, min_points: 6}"
+
+
+@each_row(
+    ("node", "own", "is_on", "is_published", "gap"),
+    [
+        # nav2_costmap_2d publishes on published_footprint (1.3.12, costmap_2d_ros.cpp), and the monitor leaves out an area without a shape (collision_monitor_node.cpp:589).
+        ("collision_monitor", ", footprint_topic: /local_costmap/published_footprint", True, True, ""),
+        ("collision_monitor", ", footprint_topic: /robot/local_costmap/published_footprint", True, True, ""),
+        ("collision_monitor", ", footprint_topic: global_costmap/published_footprint", True, True, ""),
+        ("collision_monitor", ", footprint_topic: /local_costmap/footprint", False, True, "local_costmap/footprint"),
+        ("collision_monitor", ", footprint_topic: published_footprint", False, True, "published_footprint"),
+        # A behavior without a costmap or a footprint takes each pose for a collision (costmap_topic_collision_checker.cpp:55-76).
+        ("behavior_server", "local_costmap_topic: /local_costmap/costmap_raw", True, True, ""),
+        ("behavior_server", "local_costmap_topic: local_costmap/costmap", True, False, "local_costmap/costmap"),
+        ("behavior_server", "local_footprint_topic: local_costmap/footprint", True, False, "local_costmap/footprint"),
+        ("behavior_server", "global_costmap_topic: elsewhere", True, True, ""),
+    ],
+)
+def test_listener_that_hears_nothing_has_the_effect_that_nav2_has(node, own, is_on, is_published, gap):
+    nodes = {"collision_monitor": AREA.replace("MORE", ""), "local_costmap: {local_costmap": "rolling_window: true"}
+    nodes[node] = AREA.replace("MORE", own) if node == "collision_monitor" else own
+    text = "\n".join(f"{each}: {{ros__parameters: {{{text}}}}}{'}' * ('{' in each)}" for each, text in nodes.items())
+    found = interpretation(parse(text))
+    assert found.parameters.collision_monitor.enabled == is_on
+    assert (found.parameters.local_costmap.publish_frequency != NEVER_HZ) == is_published
+    assert [what for what, _ in of_topics(found)] == [f"nothing publishes on {gap}"] * bool(gap)
+
+
+@each_row(
+    ("sources", "own", "least"),
+    [
+        ("[scan]", "", 6),
+        ("[scan, scan]", ", sources_names: [scan]", 3),  # two sources of a name fill one list of points
+        ("[scan, scan]", "", 2),  # which each of the area's two names counts (nav2_collision_monitor, polygon.cpp:237)
+        ("[scan, cloud]", ", sources_names: [cloud]", None),
+        ("[scan, cloud]", ", sources_names: [scan, cloud]", 6),
+    ],
+)
+def test_area_counts_a_point_as_often_as_its_sources_are_named(sources, own, least):
+    area = AREA.replace("MORE", own).replace("observation_sources: [scan]", f"observation_sources: {sources}")
+    zones = f"polygons: [Z, Z], Z: {CIRCLE[:-1]}{own}}}, observation_sources: {sources}, cloud: {{type: pointcloud}}"
+    first, second = (
+        interpretation(parse(f"collision_monitor: {{ros__parameters: {{{text}}}}}")) for text in (area, zones)
+    )
+    monitor = first.parameters.collision_monitor
+    assert (monitor.min_points if monitor.enabled else None) == least
+    assert [zone.min_points for zone in second.parameters.collision_monitor.zones] == [least] * (least is not None)
+    assert [what for what, _ in of_topics(first)] == ["'scan' is none of its sources"] * (least is None)
+    assert not any("only one source" in why for path, why in first.reader.unmodeled.items() if path[-1] == "scan")
+
+
+@each_row(
+    ("own", "words"),
+    [
+        ("polygons: [P], P: {type: polygon, action_type: approach, sources_names: [x]}", "'x' is not in"),
+        ("polygons: [Z], Z: {type: circle, radius: 0.5, action_type: stop, sources_names: [x]}", "'x' is not in"),
+    ],
+)
+def test_area_with_a_source_that_the_node_has_not_is_refused(own, words):
+    with pytest.raises(FileError, match=words):
+        interpretation(parse(f"collision_monitor: {{ros__parameters: {{{own}, observation_sources: [scan]}}}}"))
+
+
+def test_areas_see_nothing_where_their_only_source_is_off():
+    own = f"polygons: [Z], Z: {CIRCLE}, observation_sources: [scan], scan: {{enabled: false}}"
+    found = interpretation(parse(f"collision_monitor: {{ros__parameters: {{{own}}}}}"))
+    assert found.parameters.collision_monitor.zones == ()
+
+
+def test_filter_that_is_listed_twice_counts_once():
+    own = "k: {plugin: 'nav2_costmap_2d::KeepoutFilter', filter_info_topic: /info}"
+    text = f"global_costmap: {{global_costmap: {{ros__parameters: {{filters: [k, k], {own}}}}}}}"
+    assert interpretation(parse(text)).parameters.global_costmap.keepout_filter.enabled

@@ -56,7 +56,8 @@ UNSMOOTHED: Final = 20
 
 @addressed
 def reset(memory: MppiMemory) -> None:
-    """Forget the sequence and the commands, as at the end of a FollowPath action."""
+    """Forget the sequence, the commands, and the kept noise, as at the end of a FollowPath action."""
+    memory.kept_noise[0] = -1
     for axis in range(memory.sequence.shape[0]):
         for t in range(memory.sequence.shape[1]):
             memory.sequence[axis, t] = 0.0
@@ -87,7 +88,10 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     lateral_rise, lateral_fall = q.model_dt * q.ay_max, -q.model_dt * q.ay_min
     radius_m, is_omni = memory.min_turning_radius_m[0], sequence.shape[0] == 3
     for _ in range(1 + (q.retry_attempt_limit if q.retry_scores != 0 else 0)):
-        noise_at = next_noise(memory.stream, memory.next_noise, memory.space.noise.shape[0], used)
+        noise_at = memory.kept_noise[0]
+        if q.regenerate_noises != 0 or noise_at < 0:
+            noise_at = next_noise(memory.stream, memory.next_noise, memory.space.noise.shape[0], used)
+            memory.kept_noise[0] = noise_at
         v, w, vy = twist[0], twist[1], given.lateral_mps
         draw = Draw(
             noise_at, v, w, rise, fall, turn, vy, lateral_rise, lateral_fall, lowest, highest, beyond, backwards

@@ -85,6 +85,7 @@ class MppiMemory(NamedTuple):
     history: Any  # (2, 4) or (3, 4) float64, the last commands.
     stream: Any  # (1,) uint64.
     next_noise: Any  # (1,) int64, where the next cycle's noise may begin.
+    kept_noise: Any  # (1,) int64, where that of the cycle before began; -1 after a reset.
     # lengths, free: (n,) float64 and bool: of the plan's points the length so far, and whether they are free.
     lengths: Any
     free: Any
@@ -120,6 +121,7 @@ def new_memory(
         history=np.zeros((axes, 4)),
         stream=stream,
         next_noise=np.zeros(1, dtype=np.int64),
+        kept_noise=np.full(1, -1, dtype=np.int64),
         lengths=np.zeros(PLAN_POINTS),
         free=np.zeros(PLAN_POINTS, dtype=np.bool_),
         line=np.zeros(steps + 8),

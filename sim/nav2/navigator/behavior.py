@@ -21,7 +21,6 @@ from vastflow.sim.nav2.navigator import state
 from vastflow.sim.nav2.navigator.latency import cycle_begins, order, order_when_computed
 from vastflow.sim.nav2.navigator.profile import BEHAVIOR, CONTROLLER, PLANNER, lap
 from vastflow.sim.nav2.navigator.state import Grids, Local, Route
-from vastflow.sim.nav2.parameters.servers import NO_CHECKER
 from vastflow.sim.nav2.planners.binding import compute_path
 from vastflow.sim.nav2.planners.navfn import cell, on_map
 from vastflow.sim.nav2.planners.planner import GOAL_OUTSIDE, START_OUTSIDE, TIMEOUT, PlannerInput
@@ -43,7 +42,7 @@ SPIN_RAD: Final = 1.57
 BACK_UP_M: Final = 0.30
 BACK_UP_MPS: Final = 0.15
 
-UNKNOWN, INVALID_PATH, PATIENCE_EXCEEDED, FAILED_TO_MAKE_PROGRESS, CONTROLLER_TIMED_OUT = 100, 103, 104, 105, 107
+INVALID_PATH, PATIENCE_EXCEEDED, FAILED_TO_MAKE_PROGRESS, CONTROLLER_TIMED_OUT = 103, 104, 105, 107
 """Nav2's error codes of FollowPath; 103 and 107 are not among those that a recovery is tried for."""
 
 THROUGH_POSES: Final = 100
@@ -112,8 +111,8 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
         reset(controller)
         _recover(p, m, route.goals)
         return
-    if m.path_n > 0 and p.goal_checker.xy_goal_tolerance == NO_CHECKER:
-        _control_failed(p, m, route.goals, controller, UNKNOWN)
+    if m.path_n > 0 and p.controller_server.refusal != 0:
+        _control_failed(p, m, route.goals, controller, p.controller_server.refusal)
         return
     # The controller server waits for a plan, and after a clearing for the local costmap's next update.
     if m.path_n == 0 or m.local_current == 0:
@@ -166,7 +165,9 @@ def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
     """ComputePath with its one contextual clearing; false when the pipeline has failed by it."""
     through_poses = p.mission == state.NAVIGATE_THROUGH_POSES
     lap(m, BEHAVIOR)
-    code = plan(p, m, g, route) if m.global_current == 1 else TIMEOUT
+    code = p.planner_server.refusal
+    if code == 0:
+        code = plan(p, m, g, route) if m.global_current == 1 else TIMEOUT
     lap(m, PLANNER)
     if code == 0:
         set_plan(controller)

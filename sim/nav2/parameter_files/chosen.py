@@ -270,7 +270,7 @@ def with_controller(document: ParameterDocument, name: Value) -> ParameterDocume
         own[plug_in_name(text)] = place[-1]
     meant = short_names().get(name, name) if isinstance(name, str) else ""
     if meant in own:
-        return replace(document, values={**values, listed: [own[meant]]})
+        return replace(document, values={**values, listed: [own[meant]]}, controller=own[meant])
     if meant not in CONTROLLER_PLUG_INS.known:
         known = [*short_names(), *sorted(each for each in own if FILE in each)]
         raise _error(CONTROLLER_KEY, f"unknown controller {shown(name)}", did_you_mean(str(name), known))

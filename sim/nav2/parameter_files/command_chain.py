@@ -1,14 +1,15 @@
 """The chain of a command: controller, velocity smoother, collision monitor, base, joined by their topics."""
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 from vastflow.sim.model.parameter import ParameterLocation
-from vastflow.sim.nav2.parameter_files.costmaps import TOPIC, filter_gap, topic_of
+from vastflow.sim.nav2.parameter_files.costmaps import TOPIC, filter_gap, meets, shown_topic, topic_of
 from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, is_wild
-from vastflow.sim.nav2.parameter_files.reader import Reader
+from vastflow.sim.nav2.parameter_files.reader import Parts, Reader
 from vastflow.sim.nav2.parameter_files.releases import release_of
+from vastflow.sim.nav2.parameters.costmap import NEVER_HZ
 from vastflow.sim.nav2.parameters.servers import VelocitySmoother
 
 NO_SMOOTHER: Final = VelocitySmoother(
@@ -72,6 +73,52 @@ def _of_other_type(document: ParameterDocument) -> ParameterLocation | None:
     return next((node for node, own in zip(nodes, stamped, strict=True) if own != stamped[0]), None)
 
 
+class _Listener(NamedTuple):
+    """A parameter of a kind of group that names a topic.
+
+    Attributes:
+        published: Those on which it would hear what it needs; the first is the default.
+        changes: Group of `NavParameters` to what it has where nothing is heard.
+        consequence: That, in words.
+    """
+
+    kind: str
+    parameter: str
+    published: tuple[str, ...]
+    changes: Mapping[str, Mapping[str, Any]]
+    consequence: str
+
+
+_OUTLINES: Final = "local_costmap/published_footprint", "global_costmap/published_footprint"
+_COLLIDING: Final = {"local_costmap": {"publish_frequency": NEVER_HZ}}
+_LISTENERS: Final = (
+    _Listener(
+        *("approach polygon", "footprint_topic", _OUTLINES, {"collision_monitor": {"enabled": False}}),
+        "the area gets no shape, and has no effect",
+    ),
+    *(
+        _Listener("behavior_server", name, topics, _COLLIDING, "spin and back-up end at once, as before a collision")
+        for name, topics in (
+            ("local_costmap_topic", ("local_costmap/costmap_raw",)),
+            ("local_footprint_topic", _OUTLINES),
+        )
+    ),
+)
+
+
+def unheard_listeners(reader: Reader, parts: Parts) -> Parts:
+    """Return the groups that change as nothing publishes on a topic that a file names."""
+    document, changed = reader.document, dict[str, Any]()
+    for each in _LISTENERS:
+        for path in [(*place, each.parameter) for place, kind in reader.kinds.items() if kind == each.kind]:
+            topic = document.values.get(path, each.published[0])
+            if not any(meets(topic, said) for said in each.published):
+                reader.asked[path] = topic
+                reader.warnings[path] = f"nothing publishes on {shown_topic(topic)}", each.consequence
+                changed |= {name: parts[name].with_values(**values) for name, values in each.changes.items()}
+    return changed
+
+
 STAMPED: Final = "enable_stamped_cmd_vel"
 _MONITORED: Final = ("cmd_vel_in_topic", "cmd_vel_out_topic")
 
@@ -105,8 +152,9 @@ def filter_chains(reader: Reader) -> Iterator[str]:
         if kind == "SpeedFilter":
             server = document.node("controller_server") or ()
             said, heard = (
-                topic_of(document.values.get((*at, "speed_limit_topic"), declared[of]["speed_limit_topic"].default))
+                document.values.get((*at, "speed_limit_topic"), declared[of]["speed_limit_topic"].default)
                 for at, of in ((place, kind), (server, "controller_server"))
             )
-            chain += f" → ({said}){'' if said == heard else f' ✗ ({heard})'} → controller"
+            gap_to = "" if meets(said, heard) else f" ✗ ({shown_topic(heard)})"
+            chain += f" → ({shown_topic(said)}){gap_to} → controller"
         yield f"{chain}: {gap}" if gap else chain

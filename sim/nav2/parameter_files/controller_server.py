@@ -5,7 +5,6 @@ from typing import Any, Final
 
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaint
-from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.nodes import (
     CONTROLLERS,
     FOREIGN_CRITICS,
@@ -22,10 +21,8 @@ from vastflow.sim.nav2.parameter_files.releases import release_of
 from vastflow.sim.nav2.parameter_files.trees import users_tree
 from vastflow.sim.nav2.parameters.mppi import AckermannParameters, MppiParameters
 from vastflow.sim.nav2.parameters.servers import (
-    NO_CHECKER,
     NO_LIMIT,
     ControllerServer,
-    GoalChecker,
     ProgressChecker,
     RotationShim,
 )
@@ -46,13 +43,13 @@ _MOTION_MODELS: Final = {f"mppi::{name}MotionModel": name for name in ("DiffDriv
 
 
 def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
-    parts: dict[str, Any] = {"controller_server": reader.group(ControllerServer, node, kinds=["controller_server"])}
-    refuses = False
+    server, refusal = reader.group(ControllerServer, node, kinds=["controller_server"]), 0
+    parts: dict[str, Any] = {}
     for name, plugins in _CHECKERS.items():
         path, names = reader.listed(node, plugins)
         is_named = plugins.used in names and release_of(reader.document) == "lyrical"  # by its trees
         if len(set(names)) > 1 and not is_named and not users_tree(reader.document):
-            refuses = True
+            refusal = _UNKNOWN
             why = f"Nav2 refuses each path: of several {plugins.what}s the behavior tree must name one, and the default names none"
             reader.warnings[path] = f"there are {len(set(names))} {plugins.what}s", f"{why}, so that missions abort"
             reader.unused |= {(*node, each): why for each in names}
@@ -60,17 +57,16 @@ def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
             parts[name] = ProgressChecker(movement_time_allowance=NO_LIMIT)
         elif found := reader.plugin(node, plugins):
             parts[name] = reader.instance_group(found)
-    if refuses:
-        parts |= _REFUSING
     # Nav2's code would load DWB here and find no critics for it: such a file is one for other parameters.
     named = [(*node, *CONTROLLERS.lists), (*node, CONTROLLERS.used, "plugin")]
     if any(path in reader.document.values for path in named) and (used := reader.used(node, CONTROLLERS)):
         parts |= _controller(reader, used)
-    return parts
+        refusal = refusal if used.is_found else _INVALID_CONTROLLER
+    return {**parts, "controller_server": server.model_copy(update={"refusal": refusal})}
 
 
-_REFUSING: Final[Parts] = {"goal_checker": GoalChecker().model_copy(update={"xy_goal_tolerance": NO_CHECKER})}
-"""The checker with which no path is followed, not even at the goal."""
+_UNKNOWN, _INVALID_CONTROLLER = 100, 101
+"""FollowPath's error codes where the node has no checker and no controller of a name (nav2_controller 1.3.12, controller_server.cpp:478, :486)."""
 
 
 def _controller(reader: Reader, used: Used) -> Parts:
@@ -98,12 +94,6 @@ def _controller(reader: Reader, used: Used) -> Parts:
                 problem = "CostCritic and ObstaclesCritic together are not modeled"
                 reader.fault((*place, "critics"), problem, "keep one of them")
         given |= _motion_model(reader, place)
-        reader.fixed(
-            (*place, "regenerate_noises"),
-            declared_defaults()["MPPI"]["regenerate_noises"].default,
-            "Nav2 draws the noise once, and each cycle has the same samples",
-            "here each cycle draws its own",
-        )
     elsewhere = {**_handled(reader, used.place[:-1], algorithm, given)}
     old, new = (*place, "desired_linear_vel"), (*place, "max_linear_vel")  # since Lyrical
     if algorithm == "RPP" and new in reader.document.values and old not in reader.document.values:

@@ -52,6 +52,8 @@ def _filters(reader: Reader, filters: Sequence[Instance]) -> dict[str, Any]:
     places: dict[str, ParameterLocation] = {}
     for each in filters:
         field = _FIELDS[each.modeled.model]
+        if each.place in places.values():
+            continue  # the same once more
         if field in places:
             reader.fault(each.place, f"duplicate {each.kind} beside {places[field][-1]}", "keep one in a costmap")
             continue
@@ -74,7 +76,7 @@ def _filters(reader: Reader, filters: Sequence[Instance]) -> dict[str, Any]:
 
 
 def _topic_at(document: ParameterDocument, node: ParameterLocation, name: str, default: str) -> str:
-    return str(document.values.get((*node, name), default)).lstrip("/")
+    return shown_topic(document.values.get((*node, name), default))
 
 
 def _info_servers(document: ParameterDocument) -> Mapping[ParameterLocation, str]:
@@ -90,7 +92,7 @@ def _info(reader: Reader, place: ParameterLocation, is_needed: bool) -> Paramete
     they are, whatever is said of them.
     """
     document = reader.document
-    topic = reader.plain((*place, TOPIC), "").lstrip("/")
+    topic = shown_topic(reader.plain((*place, TOPIC), ""))
     found = [node for node, said in _info_servers(document).items() if said == topic]
     reader.kinds |= dict.fromkeys(found, "filter info")
     if len(found) > 1 and is_needed:
@@ -116,9 +118,7 @@ def filter_gap(document: ParameterDocument, place: ParameterLocation, kind: str)
     """
     topic, servers = _topic_at(document, place, TOPIC, ""), _info_servers(document)
     listening = {
-        str(value).lstrip("/")
-        for path, value in document.values.items()
-        if path[-1] == TOPIC and path[-2] != PARAMETERS
+        shown_topic(value) for path, value in document.values.items() if path[-1] == TOPIC and path[-2] != PARAMETERS
     }
     node = next((node for node, said in servers.items() if said == topic), None)
     if node is None:
@@ -128,7 +128,7 @@ def filter_gap(document: ParameterDocument, place: ParameterLocation, kind: str)
     if kind == "SpeedFilter" and isinstance(told, int) and told not in (1, 2):
         return f"{node[-2]} has type {told}, and a speed filter takes 1 or 2"
     mask = _topic_at(document, node, "mask_topic", str(declared_defaults()["filter info"]["mask_topic"].default))
-    masks = {str(value).lstrip("/"): path[-3] for path, value in document.values.items() if is_mask_topic(path)}
+    masks = {shown_topic(value): path[-3] for path, value in document.values.items() if is_mask_topic(path)}
     published = [f"{name} publishes on {said}" for said, name in masks.items()]
     return f"{node[-2]} names the mask {mask}, and {' and '.join(published)}" if masks and mask not in masks else ""
 
@@ -142,26 +142,38 @@ def unheard_speed_filters(reader: Reader, parts: Parts) -> Parts:
     """Return costmaps without the speed filters that publish on another topic than the controller server listens on."""
     declared, values, name = declared_defaults(), reader.document.values, "speed_limit_topic"
     server = (*(reader.document.node("controller_server") or ()), name)
-    heard = topic_of(values.get(server, declared["controller_server"][name].default))
+    heard = values.get(server, declared["controller_server"][name].default)
     unheard: dict[str, Any] = {}
     for place, costmap in [(place, place[-3]) for place, kind in reader.kinds.items() if kind == "SpeedFilter"]:
-        said = topic_of(values.get((*place, name), declared["SpeedFilter"][name].default))
-        if said == heard or costmap not in parts or place in reader.unused:
+        said = values.get((*place, name), declared["SpeedFilter"][name].default)
+        if meets(said, heard) or costmap not in parts or place in reader.unused:
             continue
+        topic, other = shown_topic(said), shown_topic(heard)
         for path in [path for path in reader.asked if path[: len(place)] == place]:
-            reader.leave(path, f"it publishes on {said}, and the controller server listens on {heard}")
-        reader.unused[place] = f"the speed filter publishes on {said}, and the controller server listens on {heard}"
+            reader.leave(path, f"it publishes on {topic}, and the controller server listens on {other}")
+        reader.unused[place] = f"the speed filter publishes on {topic}, and the controller server listens on {other}"
         reader.warnings[(*place, name)] = (
-            f"publishes on {said}",
-            f"no limit arrives, as the controller listens on {heard}",
+            f"publishes on {topic}",
+            f"no limit arrives, as the controller listens on {other}",
         )
         unheard[costmap] = parts[costmap].with_values(speed_filter=SpeedFilter(enabled=False))
     return unheard
 
 
+def shown_topic(value: Value) -> str:
+    """A topic without the slash in front, which files have or have not."""
+    return str(value).lstrip("/")
+
+
 def topic_of(value: Value) -> str:
     """The name of a topic without its namespace."""
     return str(value).rpartition("/")[2]
+
+
+def meets(said: Value, heard: Value) -> bool:
+    """Whether two names are of one topic; a relative one is in the robot's namespace, which launch files push."""
+    longer, shorter = sorted(map(str, (said, heard)), key=len, reverse=True)
+    return longer == shorter or (longer[:1] == "/" != shorter[:1] and longer.endswith(f"/{shorter}"))
 
 
 def check_speed_filter(reader: Reader, parts: Parts) -> None:

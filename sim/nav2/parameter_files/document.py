@@ -52,6 +52,7 @@ class ParameterDocument:
         file: The file's name as the user gave it.
         robot: Namespace of the robot that counts.
         others: Nodes of other robots, which do not count, to their namespaces.
+        controller: Name of the controller that a campaign chooses of the list, as if the behavior tree asked for it.
         plug_ins: Those that it names as `file.py:Class`, to the copies that are loaded; the others are read when they are.
     """
 
@@ -61,6 +62,7 @@ class ParameterDocument:
     file: str = ""
     robot: ParameterLocation = ()
     others: Mapping[ParameterLocation, ParameterLocation] = field(default_factory=dict)
+    controller: str = ""
     plug_ins: Mapping[str, Snapshot] = field(default_factory=dict)
 
     def place(self, path: ParameterLocation) -> TextPlace:

@@ -106,7 +106,7 @@ def omitted(found: Interpretation) -> tuple[Omitted, ...]:
 
 
 _SINCE: Final = "0.2"
-_READ_AS_JAZZY: Final = frozenset({"angular_disengage_threshold", "max_obstacle_height", "scale"})
+_READ_AS_JAZZY: Final = frozenset({"angular_disengage_threshold", "max_obstacle_height", "regenerate_noises", "scale"})
 """Parameters that before `_SINCE` had other defaults than Nav2's code, beside those of nodes that a file lacks."""
 
 

@@ -4,14 +4,14 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Fault, FileError, Got, Place
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.model.polygon import area_of, vertices_of
-from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER, smoother_between
+from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER, smoother_between, unheard_listeners
 from vastflow.sim.nav2.parameter_files.content import content_of
 from vastflow.sim.nav2.parameter_files.controller_server import read_controller_server, written_controller_server
 from vastflow.sim.nav2.parameter_files.costmaps import (
@@ -161,6 +161,7 @@ def interpretation(
     _check_mppi(reader, parts)
     _check_turning_radius(reader, parts)
     parts |= {**unheard_speed_filters(reader, parts), **smoother_between(reader)}
+    parts |= unheard_listeners(reader, parts)
     check_speed_filter(reader, parts)
     if reader.faults:
         raise FileError(reader.faults)
@@ -274,10 +275,11 @@ def _latency(reader: Reader) -> Latency:
 
 
 def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
-    parts: Parts = {"planner_server": reader.group(PlannerServer, node, kinds=["planner_server"])}
-    used = reader.used(node, PLANNERS)
+    server, used = reader.group(PlannerServer, node, kinds=["planner_server"]), reader.used(node, PLANNERS)
     if used is None:
-        return parts
+        return {"planner_server": server}
+    refusal = 0 if used.is_found else _INVALID_PLANNER
+    parts: Parts = {"planner_server": server.model_copy(update={"refusal": refusal})}
     path = (*used.place, "plugin")
     kind = reader.plug_in(PLANNER_PLUG_INS, PLANNERS.foreign, path, used.default_class, used.listed)
     if kind is None:
@@ -288,6 +290,10 @@ def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
         return {**parts, "planner": reader.own_group(kind, used.place, {path})}
     reader.kinds[used.place] = short_class(text)
     return {**parts, "planner": reader.instance_group(Instance(used.place, short_class(text), modeled))}
+
+
+_INVALID_PLANNER: Final = 201
+"""ComputePathToPose's error code where the node has no planner of a name (nav2_planner 1.3.12, planner_server.cpp:638)."""
 
 
 def _velocity_smoother(reader: Reader, node: ParameterLocation) -> Parts:
@@ -329,7 +335,7 @@ def _read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, Colli
     values, scan = reader.document.values, _monitored_scan(reader, node)
     round_footprint: ParameterLocation | None = None
     zones = []
-    for k, name in enumerate(reader.names((*node, "polygons"))):
+    for k, name in enumerate(dict.fromkeys(reader.names((*node, "polygons")))):
         place = (*node, name)
         action, shape = (*place, "action_type"), (*place, "type")
         is_of_footprint = (values.get(action), values.get(shape)) == ("approach", "polygon")
@@ -340,25 +346,24 @@ def _read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, Colli
             round_footprint = place
             reader.asked |= {action: "approach", shape: "polygon"}
             reader.kinds[place] = "approach polygon"
-        elif zone := _zone(reader, place):
+        elif zone := _zone(reader, place, scan):
             zones.append(zone)
     if len(zones) > MOST_ZONES:
         reader.fault((*node, "polygons"), Got(f"{len(zones)} areas beside the footprint's"), f"{MOST_ZONES} at most")
-    given: dict[str, Any] = {"zones": tuple(zones) if scan and not reader.faults else ()}
+    sees = scan is not None and reader.plain((*scan, "enabled"), True)
+    given: dict[str, Any] = {"zones": tuple(zones) if sees and not reader.faults else ()}
     if round_footprint is None or scan is None:
         return {"collision_monitor": CollisionMonitor(enabled=False, **given)}
-    enabled = [reader.plain((*place, "enabled"), True) for place in (round_footprint, scan)]
-    if not enabled[1]:
-        given["zones"] = ()
-    given |= {"enabled": all(enabled), **_least_points(reader, round_footprint)}
+    given |= {"enabled": reader.plain((*round_footprint, "enabled"), True) and sees}
+    given |= _least_points(reader, round_footprint)
     found = reader.group(CollisionMonitor, round_footprint, given=given, kinds=["polygon", "collision_monitor"])
-    return {"collision_monitor": found}
+    counted = found if reader.faults else _counted(reader, found, round_footprint, scan)
+    return {"collision_monitor": counted or found.with_values(enabled=False)}
 
 
 def _monitored_scan(reader: Reader, node: ParameterLocation) -> ParameterLocation | None:
     scan = None
-    for name in reader.names((*node, "observation_sources")):
-        place = (*node, name)
+    for place in dict.fromkeys((*node, name) for name in reader.names((*node, "observation_sources"))):
         if scan is None and reader.document.values.get((*place, "type"), "scan") == "scan":
             scan = place
             reader.asked[(*place, "type")] = "scan"
@@ -368,7 +373,7 @@ def _monitored_scan(reader: Reader, node: ParameterLocation) -> ParameterLocatio
     return scan
 
 
-def _zone(reader: Reader, place: ParameterLocation) -> MonitorZone | None:
+def _zone(reader: Reader, place: ParameterLocation, scan: ParameterLocation | None) -> MonitorZone | None:
     """An area of the file; None if it is not modeled, not enabled, or has no effect."""
     action, shape = reader.plain((*place, "action_type"), ""), reader.plain((*place, "type"), "")
     reader.kinds[place] = "zone"
@@ -395,7 +400,29 @@ def _zone(reader: Reader, place: ParameterLocation) -> MonitorZone | None:
         except ValueError as error:
             reader.fault(drawn, Got(shown(reader.document.values[drawn])), str(error))
     zone = reader.group(MonitorZone, place, given=given | _least_points(reader, place), kinds=["polygon"])
-    return zone if reader.plain((*place, "enabled"), True) else None
+    enabled = reader.plain((*place, "enabled"), True)
+    counted = zone if reader.faults or scan is None else _counted(reader, zone, place, scan)
+    return counted if enabled else None
+
+
+Area = TypeVar("Area", MonitorZone, CollisionMonitor)
+
+
+def _counted(reader: Reader, area: Area, place: ParameterLocation, scan: ParameterLocation) -> Area | None:
+    """Return an area with the points of the scan that it takes; None, with a warning, if the scan is none of its sources.
+
+    Nav2 counts a point as often as `sources_names` of the area and the node's `observation_sources` name its source.
+    """
+    node, own = place[:-1], (*place, "sources_names")
+    sources = reader.names((*node, "observation_sources"))
+    names = reader.names(own, sources)
+    if unknown := [name for name in names if name not in sources]:
+        reader.fault(own, f"{unknown[0]!r} is not in observation_sources", "one of them, as the node ends otherwise")
+    often = names.count(scan[-1]) * sources.count(scan[-1])
+    if often == 0:
+        reader.warnings[own] = f"{scan[-1]!r} is none of its sources", "the area sees nothing, and has no effect"
+        return None
+    return area.with_values(min_points=-(-area.min_points // often))
 
 
 def _least_points(reader: Reader, place: ParameterLocation) -> dict[str, Any]:

@@ -58,7 +58,8 @@ class Plugins:
         foreign: Other classes of Nav2's, which are known and not modeled.
         defaults: Names to classes where a document has no list.
         used: The one that counts of several.
-        is_asked_for: Whether the default behavior trees ask for `used` by its name, so that Nav2 finds no other.
+        asked_for: How an action ends where the default behavior trees, which ask for `used` by its name, find no such; empty
+            where they name none.
     """
 
     what: str
@@ -67,7 +68,7 @@ class Plugins:
     foreign: tuple[str, ...] = ()
     defaults: Mapping[str, str] = field(default_factory=dict)
     used: str = ""
-    is_asked_for: bool = False
+    asked_for: str = ""
 
 
 def class_name(text: str) -> str:
@@ -101,7 +102,7 @@ CONTROLLERS: Final = Plugins(
     ),
     defaults={"FollowPath": "dwb_core::DWBLocalPlanner"},
     used="FollowPath",
-    is_asked_for=True,
+    asked_for="FollowPath ends with INVALID_CONTROLLER",
 )
 PLANNERS: Final = Plugins(
     what="planner",
@@ -117,7 +118,7 @@ PLANNERS: Final = Plugins(
     ),
     defaults={"GridBased": "nav2_navfn_planner::NavfnPlanner"},
     used="GridBased",
-    is_asked_for=True,
+    asked_for="ComputePathToPose ends with INVALID_PLANNER",
 )
 PROGRESS_CHECKERS: Final = Plugins(
     what="progress checker",
@@ -218,7 +219,7 @@ class Node:
     def names(self) -> frozenset[str]:
         """Names that its parameters begin with."""
         fields = [source_of(field).name or name for name, field in self.model.model_fields.items()]
-        asked_for = [each.used for each in self.plugins if each.is_asked_for]
+        asked_for = [each.used for each in self.plugins if each.asked_for]
         return frozenset([*fields, *self.lists, *asked_for, *(name for each in self.plugins for name in each.lists)])
 
 

@@ -273,10 +273,11 @@ class Reader:
         if tree and len(set(names)) > 1:
             words = f"of {len(set(names))} {plugins.what}s {tree} must name one, or Nav2 follows no path"
             self.warnings[path] = words, f"{used} is used, as if {tree} named it"
-        elif plugins.is_asked_for and used != plugins.used and not tree:
-            words = f"Nav2's default behavior trees ask for {plugins.used}, find none, and abort each mission"
-            self.warnings[path] = words, f"{used} is used, as by a behavior tree that asks for it"
-        return Used((*prefix, used), (*path, str(names.index(used))), plugins, names)
+        is_found = not plugins.asked_for or used in (plugins.used, self.document.controller) or bool(tree)
+        if not is_found:
+            words = f"Nav2's default behavior trees ask for {plugins.used}, and there is {', '.join(names)}"
+            self.warnings[path] = words, f"each {plugins.asked_for}, and missions abort"
+        return Used((*prefix, used), (*path, str(names.index(used))), plugins, names, is_found)
 
     def listed(self, prefix: ParameterLocation, plugins: Plugins) -> tuple[ParameterLocation, list[str]]:
         paths = [(*prefix, name) for name in plugins.lists]
@@ -302,12 +303,13 @@ class Reader:
 
 
 class Used(NamedTuple):
-    """A name in a list of plug-ins: the place of its parameters, that in the list, and the whole list."""
+    """A name in a list of plug-ins: the place of its parameters, that in the list, the whole list, and whether Nav2's tree finds it."""
 
     place: ParameterLocation
     listed: ParameterLocation
     plugins: Plugins
     names: Sequence[str]
+    is_found: bool = True
 
     @property
     def default_class(self) -> str:

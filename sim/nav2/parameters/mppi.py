@@ -151,6 +151,7 @@ class MppiParameters(ParameterGroup):
     inversion_xy_tolerance: float = parameter(0.2, 0.0, 100.0, needs=_INVERSIONS)
     inversion_yaw_tolerance: float = parameter(0.4, 0.0, 7.0, needs=_INVERSIONS)
     retry_attempt_limit: int = parameter(1, 0, 1000)
+    regenerate_noises: bool = parameter(True)
     retry_scores: bool = parameter(False)
     AckermannConstraints: AckermannParameters = AckermannParameters()
     ConstraintCritic: ConstraintParameters = ConstraintParameters()

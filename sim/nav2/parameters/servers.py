@@ -29,14 +29,24 @@ class NavFn(ParameterGroup):
 
 
 class PlannerServer(ParameterGroup):
-    """planner_server: seconds that it waits for the update of a cleared costmap."""
+    """planner_server: seconds that it waits for the update of a cleared costmap.
 
+    Attributes:
+        refusal: Nav2's error code where the file makes each ComputePathToPose fail; 0 for none.
+    """
+
+    refusal: int = derived(0)
     costmap_update_timeout: float = parameter(1.0, -1e6, NO_LIMIT, above=NO_LIMIT)
 
 
 class ControllerServer(ParameterGroup):
-    """controller_server: Hz, seconds, and velocities below which odometry is read as standing."""
+    """controller_server: Hz, seconds, and velocities below which odometry is read as standing.
 
+    Attributes:
+        refusal: Nav2's error code where the file makes each FollowPath end before its first cycle; 0 for none.
+    """
+
+    refusal: int = derived(0)
     controller_frequency: float = parameter(20.0, 0.5, 1000.0, least=1e-9)
     costmap_update_timeout: float = parameter(0.3, -1e6, NO_LIMIT, above=NO_LIMIT)
     failure_tolerance: float = parameter(0.3, 0.0, NO_LIMIT, stands_for={-1.0: NO_LIMIT}, below=0.0, above=NO_LIMIT)
@@ -55,10 +65,6 @@ class ProgressChecker(ParameterGroup):
     required_movement_radius: float = parameter(0.5, -100.0, 100.0)
     required_movement_angle: float = parameter(NO_ANGLE_RAD, -NO_ANGLE_RAD, NO_ANGLE_RAD, above=NO_ANGLE_RAD)
     movement_time_allowance: float = parameter(10.0, -1e6, NO_LIMIT, above=NO_LIMIT)
-
-
-NO_CHECKER: Final = -NO_LIMIT
-"""`xy_goal_tolerance` where Nav2 finds no checker, and each FollowPath ends before its first cycle."""
 
 
 class GoalChecker(ParameterGroup):
