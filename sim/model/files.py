@@ -33,8 +33,9 @@ MOST_YAML_NODES: Final = 500_000
 """Including what aliases stand for: aliases of aliases grow exponentially."""
 MOST_JSON_VALUES: Final = 5_000_000
 MOST_PIXELS: Final = 25_000_000
-PICTURE_FORMATS: Final = ("PPM", "PNG", "BMP")
+PICTURE_FORMATS: Final = ("PPM", "PNG", "BMP", "GIF", "JPEG", "TIFF")
 """Pillow's names; PGM and PBM are PPM to it."""
+PICTURE: Final = "a picture in PGM, PNG, BMP, GIF, JPEG, or TIFF"
 
 NOT_YAML: Final = "look for a missing colon, quote or bracket, for tabs, and for uneven indentation"
 
@@ -285,12 +286,12 @@ def read_json(path: str | Path, kind: str = "a JSON file") -> Any:
 
 
 def read_picture(path: str | Path) -> Image.Image:
-    """Decode a PGM, PNG or BMP picture.
+    """Decode a picture that a map may have.
 
     Raises:
         Missing, Unreadable: see `read_bytes`; or another format, damaged, of several frames, or too many pixels.
     """
-    content = read_bytes(path, "a PGM, PNG or BMP picture")
+    content = read_bytes(path, PICTURE)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit here is lower
@@ -300,13 +301,15 @@ def read_picture(path: str | Path) -> Image.Image:
                 raise Unreadable(Got(f"{width:,} × {height:,}"), f"at most {MOST_PIXELS:,} pixels")
             if getattr(picture, "n_frames", 1) > 1:
                 raise Unreadable(Got("several frames"), "a single picture")
+            if picture.mode in ("F", "CMYK"):
+                raise Unreadable(Got(f"colors in {picture.mode}"), "gray, RGB, or a palette")
             picture.load()
     except Unreadable:
         raise
     except Image.DecompressionBombError:
         raise Unreadable(Got("more"), f"at most {MOST_PIXELS:,} pixels") from None
     except UnidentifiedImageError:
-        raise Unreadable(Got("another format"), "a picture in PGM, PNG or BMP") from None
+        raise Unreadable(Got("another format"), PICTURE) from None
     except Exception as error:  # noqa: BLE001 - what Pillow's decoders raise is documented nowhere
         raise Unreadable(f"the picture is damaged: {error}", "expected a whole one") from None
     return picture

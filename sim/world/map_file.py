@@ -38,7 +38,8 @@ LARGEST_CELL_M: Final = 100.0
 FARTHEST_M: Final = 1e7
 """Greatest distance of the origin: beyond, rounding loses a millimeter."""
 
-_PNM_HEADER_BYTES: Final = 4096
+_PNM: Final = re.compile(rb"(P[2356])" + rb"(?:\s|#[^\n]*\n)+(\d+)" * 3)
+"""Head of a PNM: kind, width, height, and the number for white."""
 
 MODES: Final = ("trinary", "scale", "raw")
 UNKNOWN_GRAY: Final = 205
@@ -231,6 +232,7 @@ def _sixteen_bits(picture: Image.Image, content: bytes) -> NDArray[np.int64]:
     """Return gray values (H, W) or colors (H, W, 3) in 16 bits, as GraphicsMagick 1.3.40 has them.
 
     It scales a PNM by a whole factor, and a binary one by `top / white` once more; one of fewer pixels than shades it scales exactly.
+    A binary PGM whose white is 1 it takes for packed bits, as in a PBM. The bits of a BMP of 16 it does not spread.
     """
     if picture.mode.startswith("I"):
         found, top = np.asarray(picture).astype(np.int64), 65535
@@ -238,14 +240,25 @@ def _sixteen_bits(picture: Image.Image, content: bytes) -> NDArray[np.int64]:
         is_gray, top = picture.mode in ("1", "L"), 255
         found = np.asarray(picture.convert("L" if is_gray else "RGBA")).astype(np.int64)
         found = found if is_gray else found[..., :3]
-    words = re.sub(rb"#[^\n]*", b"", content[:_PNM_HEADER_BYTES]).split(None, 4)
-    if words[0] not in (b"P2", b"P3", b"P5", b"P6"):
+    if content[:2] == b"BM" and content[28] == 16:
+        bits = np.array([5, 6 if content[30] == 3 and content[58:60] == b"\xe0\x07" else 5, 5])
+        return np.rint(found / 255 * (2**bits - 1)).astype(np.int64) << (16 - bits)
+    if (head := _PNM.match(content)) is None:
         return found * (65535 // top)
-    white = int(words[3])
+    kind, white, end = head[1], int(head[4]), head.end()
+    if (kind, white) == (b"P5", 1):
+        rows = np.frombuffer(content, np.uint8, len(found) * -(-found.shape[1] // 8), end + 1).reshape(len(found), -1)
+        return 65535 * (1 - np.unpackbits(rows, axis=1, count=found.shape[1]).astype(np.int64))
     levels = np.rint(found / top * white)
+    if found.ndim == 3 and white > 255:  # Pillow has 8 bits of them
+        if kind == b"P3":
+            words = re.sub(rb"#[^\n]*", b"", content[end:]).split()
+            levels = np.array(words[: found.size], dtype=np.float64).reshape(found.shape)
+        else:
+            levels = np.frombuffer(content, ">u2", found.size, end + 1).reshape(found.shape)
     factor: float = 65535 / white if found.shape[0] * found.shape[1] < white else 65535 // white
     shades = np.floor(levels * factor + 0.5)
-    if factor == 65535 // white and words[0] in (b"P5", b"P6"):
+    if factor == 65535 // white and kind in (b"P5", b"P6"):
         shades = np.minimum(np.floor(shades * ((255 if white < 256 else 65535) / white) + 0.5), 65535)
     return shades.astype(np.int64)
 

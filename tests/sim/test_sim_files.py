@@ -189,7 +189,11 @@ BOMB = encoded("PNG", Image.new("1", (14_000, 14_000)))
 @each_row(
     ("content", "message"),
     [
-        *((encoded(kind), "a picture in PGM, PNG or BMP, got another format") for kind in ("GIF", "TIFF", "TGA")),
+        *(
+            (encoded(kind), "a picture in PGM, PNG, BMP, GIF, JPEG, or TIFF, got another format")
+            for kind in ("TGA", "PCX")
+        ),
+        (encoded("JPEG", Image.new("CMYK", (4, 3))), "expected gray, RGB, or a palette, got colors in CMYK"),
         (b"P5 10000 9000 255\n", "expected at most 25,000,000 pixels, got 10,000 × 9,000"),
         (b"P5 1000000 1000000 255\n", "expected at most 25,000,000 pixels, got more"),
         (BOMB, "at most 25,000,000"),

@@ -124,6 +124,13 @@ def bmp_32(alphas, height=1, masks=b""):
     return b"BM" + struct.pack("<IHHI", 54 + len(masks + pixels), 0, 0, 54 + len(masks)) + head + masks + pixels
 
 
+def bmp_16(levels):
+    """A row of grays of 5 bits."""
+    pixels = np.array([level * 0b10000100001 for level in levels], "<u2").tobytes()
+    head = struct.pack("<IiiHHIIiiII", 40, len(levels), 1, 1, 16, 0, len(pixels), 0, 0, 0, 0)
+    return b"BM" + struct.pack("<IHHI", 54 + len(pixels), 0, 0, 54) + head + pixels
+
+
 def png(depth, kind, row, key):
     """A row of pixels, of which those of the key's color are transparent."""
 
@@ -172,6 +179,17 @@ PGM_16 = b"P5\n3 1\n65535\n" + (np.array(GRAYS) * 257).astype(">u2").tobytes()
         (dark_pgm("P5", 15, 1, 2, 4), {"mode": "raw"}, [[*[-1] * 15]] * 2),
         (dark_pgm("P5", 1000, 1, 5, 7), {}, [[100, 100, -1, *[0] * 997]] * 2),
         (dark_pgm("P2", 1000, 1, 5, 500), {}, [[100, 100, -1, *[0] * 997]] * 2),
+        # A binary picture whose white is 1 has packed bits, of which 0 is white.
+        (b"P5 8 2 1 \xa5\x0f" + bytes(14), {}, [[0] * 4 + [100] * 4, [100, 0, 100, 0, 0, 100, 0, 100]]),
+        (b"P5\n#" + b"x" * 6000 + b"\n3 1\n255\n\0\xcd\xfe", {}, [[100, -1, 0]]),
+        (b"P6 2 1 1000 " + np.array([98, 98, 99, 396, 396, 396], ">u2").tobytes(), {"mode": "raw"}, [[25, 100]]),
+        (b"P3 2 1 1000 98 98 99 # gray\n396 396 396 ", {"mode": "raw"}, [[25, 100]]),
+        (bmp_16([0, 12, 20, 31, 0, 12]), {"mode": "raw"}, [[0, 95, -1, -1, 0, 95]]),
+        (bmp_16([0, 12, 20, 31, 0, 25]), {}, [[100, -1, -1, 0, 100, -1]]),
+        *((encoded(GRAYS, form=form), {}, [[100, -1, 0]]) for form in ("gif", "tiff")),
+        (encoded(np.array(GRAYS) * 257, np.uint16, form="tiff"), {}, [[100, -1, 0]]),
+        (encoded(OPAQUE, mode="RGBA", form="tiff"), {}, [[100, -1, 0, -1]]),
+        (encoded([[205] * 8] * 2, form="jpeg"), {}, [[-1] * 8] * 2),
         (png(2, 0, b"\x1b", [3]), {}, [[100, 100, -1, -1]]),
         (png(4, 0, b"\x0f\xf0", [15]), {}, [[100, -1, -1, 100]]),
         (png(8, 0, b"\0\xcd\xfe", [0]), {}, [[-1, -1, 0]]),
@@ -224,7 +242,10 @@ FRAME = r"origin: expected \[x, y, yaw\] in meters and radians, got "
         ({"origin": "[1.0e+300, 0]"}, r"origin: expected at most 10,000,000 m from zero, got \["),
         ({"origin": "[0, 0, 90]"}, r"origin: expected radians, one turn \(6.2832\) at most, got yaw 90"),
         ({"image": "none.pgm"}, "image: There is no file '.*none.pgm'. Its path is relative to the YAML file"),
-        ({"image": "map.yaml"}, "map.yaml': expected a picture in PGM, PNG or BMP, got another format"),
+        (
+            {"image": "map.yaml"},
+            "map.yaml': expected a picture in PGM, PNG, BMP, GIF, JPEG, or TIFF, got another format",
+        ),
         ({"free_thresh": "true"}, "free_thresh: expected a number, got True"),
         ({"occupied_thresh": 65}, "occupied_thresh: expected a share of black, 0 to 1, got 65"),
         ({"free_thresh": -0.2}, r"free_thresh: expected a share of black, 0 to 1, got -0\.2"),

@@ -413,8 +413,7 @@ def _counted(reader: Reader, area: Area, place: ParameterLocation, scan: Paramet
 
     Nav2 counts a point as often as `sources_names` of the area and the node's `observation_sources` name its source.
     """
-    node, own = place[:-1], (*place, "sources_names")
-    sources = reader.names((*node, "observation_sources"))
+    own, sources = (*place, "sources_names"), reader.names((*place[:-1], "observation_sources"))
     names = reader.names(own, sources)
     if unknown := [name for name in names if name not in sources]:
         reader.fault(own, f"{unknown[0]!r} is not in observation_sources", "one of them, as the node ends otherwise")
