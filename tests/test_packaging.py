@@ -142,7 +142,9 @@ def test_campaigns_folder_has_only_named_code():
         assert named, f"{file} belongs to no campaign"
 
 
-@each_row("group", ["console_scripts", "vastflow.producers", "vastflow.oracles", "vastflow.controllers"])
+@each_row(
+    "group", ["console_scripts", "vastflow.producers", "vastflow.oracles", "vastflow.controllers", "vastflow.formats"]
+)
 def test_entry_points_load(group):
     ours = [entry for entry in entry_points(group=group) if entry.value.startswith("vastflow.")]
     asked = (

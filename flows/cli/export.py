@@ -1,4 +1,4 @@
-"""The command `export`: a campaign directory as a folder for each run, with JUnit reports."""
+"""The command `export`: a campaign directory in a format that other tools read."""
 
 import sys
 import time
@@ -27,11 +27,17 @@ def export(
             autocompletion=configuration_names,
         ),
     ] = None,
+    form: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            metavar="NAME",
+            help="`vast`: a folder for each run, with JUnit reports, CSV files, logs, and output files of programs; `junit`: one "
+            "report; `csv`: the tables alone; an installed format; or file.py:Class of your own.",
+        ),
+    ] = "vast",
 ) -> None:
-    """Export a campaign as a folder for each run.
-
-    With JUnit reports, CSV files, logs, and output files of programs.
-    """
+    """Export a campaign for other tools."""
     said_s = time.monotonic()
 
     def progress(done: int, of: int) -> None:
@@ -42,21 +48,25 @@ def export(
 
     with Interruptible(f"Interrupted. {folder} is as it was."):
         from vastflow.flows.export.export import export as lay_out
+        from vastflow.flows.export.format import format_of
         from vastflow.flows.results.address import at_hand, check_directory
 
+        chosen = format_of(form, Path())
         with at_hand(results, ("traces", "figures")) as directory:
             check_directory(directory)
             try:
                 with writing(folder):
-                    exported = lay_out(directory, folder, only or (), progress)
+                    exported = lay_out(directory, folder, only or (), progress, chosen)
             except UserError as error:  # where the directory is a copy, it is the address that the user knows
                 raise UserError(str(error).replace(str(directory), results)) from None
-    runs = sum(len(suite.cases) for suite in exported.suites)
-    failed, broken, unjudged = (
-        sum(suite.count(kind) for suite in exported.suites) for kind in ("failure", "error", "skipped")
-    )
-    counts = {"passed": runs - failed - broken - unjudged, "failed": failed, "broken": broken, "not judged": unjudged}
+    flaws = exported.flaws
+    counts = {
+        "passed": flaws[None],
+        "failed": flaws["failure"],
+        "broken": flaws["error"],
+        "not judged": flaws["skipped"],
+    }
     named = ", ".join(f"{n} {what}" for what, n in counts.items() if n or what in ("passed", "failed"))
     alike = f", {exported.duplicates} equal to another" if exported.duplicates else ""
-    configurations = count_text(len(exported.suites) + exported.duplicates, "configuration")
-    print(f"{configurations}{alike}; {runs} runs: {named}\nexported: {exported.folder}")
+    configurations = count_text(len(exported.names), "configuration")
+    print(f"{configurations}{alike}; {sum(counts.values())} runs: {named}\nexported: {exported.folder}")

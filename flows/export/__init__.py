@@ -1,1 +1,1 @@
-"""A campaign directory as a folder for each run, and as JUnit reports."""
+"""Export of a campaign directory: its formats, which are plug-ins."""

@@ -1,26 +1,28 @@
-"""The export of a campaign directory as a folder for each configuration and run."""
+"""The export of a campaign directory in a format."""
 
 import os
 import shutil
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+import zipfile
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from pathlib import Path
-from typing import Any, Final
+from functools import partial
+from pathlib import Path, PurePosixPath
+from typing import Any
 
-import yaml
-
-from vastflow.flows.export.junit import Suite, campaign_report
-from vastflow.flows.export.run import ExportedRun, case_of, files_of, table_csv
+from vastflow.flows.export.catalog import Vast
+from vastflow.flows.export.format import ExportedCampaign, ExportedConfiguration, Format, files_of_format
+from vastflow.flows.export.junit import FlawKind
+from vastflow.flows.export.run import ExportedRun, flaw_of, table_csv
 from vastflow.flows.results.tables import KeptLogs
 from vastflow.oracles.evidence.evidence import headline_of
 from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.schema import behaviors_of, table_of, table_rows
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
-from vastflow.sim.model.archive import unpacked
+from vastflow.sim.model.archive import members_of
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.model.files import copy_file, files_below, open_file, yaml_value
@@ -54,12 +56,11 @@ class ExportSource:
         self._logs = KeptLogs(directory)
         self._names: dict[str, str] = {}
 
-    def shared_files(self) -> Iterator[tuple[str, Path]]:
-        """Yield inputs and maps: the path below the campaign file, and the path of the copy."""
-        for folder in (self._files.inputs, self._directory / "environments"):
-            for path in files_below(folder):
-                yield self._place(path), path
-        yield "campaign.vast", self._directory / "campaign.vast"
+    def shared_files(self) -> dict[str, Path]:
+        """Return inputs and maps: the path below the campaign file, and the path of the copy."""
+        folders = (self._files.inputs, self._directory / "environments")
+        files = {self._place(path): path for folder in folders for path in files_below(folder)}
+        return {**files, "campaign.vast": self._directory / "campaign.vast"}
 
     def scenario_of(self, row: Mapping[str, Any]) -> str:
         """Return the name of a configuration's scenario."""
@@ -74,15 +75,15 @@ class ExportSource:
                 self._names[digest] = next((str(names[0]) for names in roots if names), "scenario")
         return self._names[digest]
 
-    def values_of(self, row: Mapping[str, Any], shared: str) -> dict[str, Any]:
-        """Return the values of a configuration's parameters, with files as paths in the folder `shared`."""
+    def values_of(self, row: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values of a configuration's parameters, with files as their places in `shared_files`."""
         scenario = row["scenario"]
         with reading(self._directory):
             values = {**scenario["environment"], **scenario["task"], **scenario["system"]}
-            return {key: self._with_paths(_posed(key, value), shared) for key, value in values.items()}
+            return {key: self._with_paths(_posed(key, value)) for key, value in values.items()}
 
-    def runs_of(self, row: Mapping[str, Any]) -> list[ExportedRun]:
-        """Return the runs of a configuration in order, recorded or not."""
+    def runs_of(self, row: Mapping[str, Any]) -> Iterator[ExportedRun]:
+        """Yield the runs of a configuration in order, recorded or not."""
         name: str = row["name"]
         scenario = self.scenario_of(row)
         with reading(self._directory):
@@ -94,53 +95,64 @@ class ExportSource:
             rows = self._logs.of(name)
             logs = {each["run_index"]: run_log_of(each) for each in rows}
             hosts = {each["run_index"]: {key: each[key] for key in ("host", "versions", "pid")} for each in rows}
-        return [
-            ExportedRun(
-                campaign=self.campaign,
-                configuration=name,
-                run_index=run_index,
-                verdicts=verdicts,
-                row=self._rows.get((name, run_index)),
-                log=logs.get(run_index),
-                host=hosts.get(run_index, {}),
-                recorded=recorded.get(run_index, {}),
-                behaviors={key: column[indices == run_index] for key, column in behaviors.items()},
-                scenario=scenario,
-                scenario_file=f"{scenario}.osc" if isinstance(row["abstract"], str) else self._scenario_file,
-            )
-            for run_index, verdicts in sorted(self._verdicts[name].items())
-        ]
+        with self._outputs(name) as outputs:
+            for run_index, verdicts in sorted(self._verdicts[name].items()):
+                yield ExportedRun(
+                    campaign=self.campaign,
+                    configuration=name,
+                    run_index=run_index,
+                    verdicts=verdicts,
+                    row=self._rows.get((name, run_index)),
+                    log=logs.get(run_index),
+                    host=hosts.get(run_index, {}),
+                    recorded=recorded.get(run_index, {}),
+                    behaviors={key: column[indices == run_index] for key, column in behaviors.items()},
+                    scenario=scenario,
+                    scenario_file=f"{scenario}.osc" if isinstance(row["abstract"], str) else self._scenario_file,
+                    outputs=outputs(run_index),
+                )
 
-    def outputs_of(self, row: Mapping[str, Any]) -> Iterator[tuple[int, str, bytes]]:
-        """Yield run index, path, and content of each file that programs wrote.
+    def verdicts_of(self, name: str) -> Iterable[Sequence[Mapping[str, Any]]]:
+        """Return the verdicts on each run of a configuration."""
+        return self._verdicts[name].values()
 
-        Tables are CSV, or Parquet if the run has another file of that name.
-        """
-        file = self._directory / "outputs" / f"{row['name']}.zip"
-        if not file.is_file():
-            return
-        with reading(self._directory), open_file(file) as content:
-            files = set()  # which come first
-            for (run_index, kind, name), written in unpacked(content):
-                if kind == "tables":
-                    own = name.removesuffix(".parquet")
-                    as_csv = own if own.endswith(".csv") else f"{own}.csv"
-                    if not own.endswith(".parquet") and (run_index, as_csv) not in files:
-                        name, written = as_csv, table_csv(table_of(written, name))
-                    else:
-                        name = f"{own.removesuffix('.parquet')}.parquet"
-                files.add((run_index, name))
-                yield run_index, name, written
+    @contextmanager
+    def _outputs(self, configuration: str) -> Iterator[Callable[[int], dict[str, bytes]]]:
+        """Yield a function that reads what the programs of a run wrote, by its place."""
+        file = self._directory / "outputs" / f"{configuration}.zip"
+        with ExitStack() as opened:
+            members: defaultdict[int, list[tuple[str, str, zipfile.ZipInfo]]] = defaultdict(list)
+            if file.is_file():
+                with reading(self._directory):
+                    archive = opened.enter_context(zipfile.ZipFile(opened.enter_context(open_file(file))))
+                    for (run_index, kind, name), entry in members_of(archive).items():
+                        members[run_index].append((kind, name, entry))
 
-    def _with_paths(self, value: Any, shared: str) -> Any:
-        """`value` with `{"file": digest}` as the path of that file; left alone where it is not kept."""
+            def read(run_index: int) -> dict[str, bytes]:
+                outputs: dict[str, bytes] = {}
+                with reading(self._directory):
+                    for kind, name, entry in members[run_index]:
+                        own, written = name.removesuffix(".parquet"), archive.read(entry)
+                        as_csv = own if own.endswith(".csv") else f"{own}.csv"
+                        if kind != "tables":
+                            outputs[name] = written
+                        elif own.endswith(".parquet") or as_csv in outputs:  # files come first
+                            outputs[f"{own.removesuffix('.parquet')}.parquet"] = written
+                        else:
+                            outputs[as_csv] = table_csv(table_of(written, name))
+                return outputs
+
+            yield read
+
+    def _with_paths(self, value: Any) -> Any:
+        """`value` with `{"file": digest}` as the place of that file; left alone where it is not kept."""
         if isinstance(value, dict):
             if set(value) == {"file"}:
                 with suppress(ValueError):
-                    return f"{shared}/{self._place(self._files.path(str(value['file'])))}"
+                    return PurePosixPath(self._place(self._files.path(str(value["file"]))))
                 return value
-            return {key: self._with_paths(item, shared) for key, item in value.items()}
-        return [self._with_paths(item, shared) for item in value] if isinstance(value, list) else value
+            return {key: self._with_paths(item) for key, item in value.items()}
+        return [self._with_paths(item) for item in value] if isinstance(value, list) else value
 
     def _place(self, path: Path) -> str:
         """Return the path of a file relative to `inputs`, or to the campaign directory."""
@@ -158,19 +170,32 @@ def _posed(key: str, value: Any) -> Any:
     return value
 
 
-BRIEFLY: Final = ("simulated_time_s", "wall_time_s", "outcome")
-"""Properties that a case keeps in a report of many."""
-SHARED: Final = "_config"
-"""Folder of files that all configurations share; no configuration has this name."""
-
-
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """The result of an export: a suite for each configuration, but for duplicates of others, which are counted."""
+    """The result of an export.
+
+    Attributes:
+        names: The configurations, those among them that equal another are counted in `duplicates`.
+        flaws: The number of runs that did not pass, by kind; those of None passed.
+    """
 
     folder: Path
+    names: Sequence[str]
     duplicates: int
-    suites: Sequence[Suite]
+    flaws: Counter[FlawKind | None]
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """The runs of a configuration, read whenever they are asked for."""
+
+    source: ExportSource
+    row: Mapping[str, Any]
+    begin: Callable[[], None]
+
+    def __iter__(self) -> Iterator[ExportedRun]:
+        self.begin()
+        return self.source.runs_of(self.row)
 
 
 def export(
@@ -178,17 +203,17 @@ def export(
     folder: Path,
     only: Sequence[str] = (),
     progress: Callable[[int, int], None] = lambda done, of: None,
-    outputs: str = "outputs/",
+    chosen: Format | None = None,
 ) -> Exported:
     """Export the campaign directory `results` to the new or empty `folder` at once.
 
     Args:
         only: Patterns (`*`, `?`, `[…]`) of names of configurations and families; all if empty.
         progress: Called with the number of exported configurations and their total.
-        outputs: Folder of a run's output files, with `/`; empty for the run's own folder, as in RoboVAST.
+        chosen: The format; `Vast` unless given.
 
     Raises:
-        UserError: the folder is in use, a pattern matches nothing, or the campaign directory is damaged.
+        UserError: the folder is in use, a pattern matches nothing, the campaign directory is damaged, or the format's code raises.
         OSError: the folder can't be written.
     """
     refuse(folder)
@@ -199,33 +224,24 @@ def export(
             names = list(dict.fromkeys(name for row in rows for name in (row["family"], row["name"])))
             hint = did_you_mean(pattern, names, "it has none")
             raise UnusableDirectory(f"{results}: {message_of(f'no family or configuration matches {pattern!r}', hint)}")
-    chosen = [row for row in rows if not only or any(_fits(row, pattern) for pattern in only)]
-    suites = []
+    rows = [row for row in rows if not only or any(_fits(row, pattern) for pattern in only)]
+    configurations = []
+    for k, row in enumerate(rows):
+        runs = _Runs(source, row, partial(progress, k, len(rows))) if row["duplicate_of"] is None else ()
+        about = (row["name"], row["family"], source.scenario_of(row), source.values_of(row), row["duplicate_of"])
+        configurations.append(ExportedConfiguration(*about, runs))
+    headline = "" if only else source.headline
+    campaign = ExportedCampaign(source.campaign, headline, configurations, source.shared_files())
     with _filled(folder) as place:
-        for name, path in source.shared_files():
-            copy_file(path, _below(place / SHARED, name))
-        for done, row in enumerate(chosen):
-            progress(done, len(chosen))
-            home = place / row["name"]
-            values = {source.scenario_of(row): source.values_of(row, f"../{SHARED}")}
-            text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
-            _below(place, f"{row['name']}/scenario.config").write_text(text, encoding="utf-8")
-            if row["duplicate_of"] is not None:
-                _below(home, "duplicate_of").write_text(f"{row['duplicate_of']}\n", encoding="utf-8")
-                continue
-            cases = []
-            for run in source.runs_of(row):
-                case = case_of(run)
-                for name, content in files_of(run, case):
-                    _below(home, f"{run.run_index}/{name}").write_bytes(content)
-                # a report of many runs with all properties would take hundreds of megabytes
-                few = {name: case.properties[name] for name in BRIEFLY if name in case.properties}
-                cases.append(replace(case, properties=few))
-            suites.append(Suite(row["name"], cases))
-            for run_index, name, content in source.outputs_of(row):
-                _below(home, f"{run_index}/{outputs}{name}").write_bytes(content)
-        (place / "test.xml").write_bytes(campaign_report(source.campaign, suites, "" if only else source.headline))
-    return Exported(folder, len(chosen) - len(suites), suites)
+        for name, content in files_of_format(chosen or Vast(), campaign):
+            file = _below(place, name)
+            if isinstance(content, Path):
+                copy_file(content, file)
+            else:
+                file.write_bytes(content)
+    ran = [each.name for each in configurations if each.duplicate_of is None]
+    flaws = Counter(flaw_of(verdicts) for name in ran for verdicts in source.verdicts_of(name))
+    return Exported(folder, [each.name for each in configurations], len(configurations) - len(ran), flaws)
 
 
 def refuse(folder: Path) -> None:

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
 
-from vastflow.flows.export.junit import Case, Flaw, Suite, suite_report
+from vastflow.flows.export.junit import Case, Flaw, FlawKind, Suite, suite_report
 from vastflow.flows.results.rows import FAULT
 from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.observation.trace import signal_name
@@ -51,6 +51,7 @@ class ExportedRun:
         log, host: Its run log, if any, with host and versions.
         recorded: Columns of its recording, in thousandths; empty without a robot.
         behaviors: Its `behaviors` table, may be empty.
+        outputs: What its programs wrote, by its place; tables are CSV, or Parquet if the run has another file of that name.
     """
 
     campaign: str
@@ -64,6 +65,7 @@ class ExportedRun:
     behaviors: Columns = field(default_factory=dict, repr=False)
     scenario: str = ""
     scenario_file: str = ""
+    outputs: Mapping[str, bytes] = field(default_factory=dict, repr=False)
 
 
 def case_of(run: ExportedRun) -> Case:
@@ -147,19 +149,27 @@ def _properties(run: ExportedRun) -> Iterator[tuple[str, str]]:
                 yield f"{verdict['oracle']}: {metric}{unit}", str(measured["value"])
 
 
+def flaw_of(verdicts: Sequence[Mapping[str, Any]]) -> FlawKind | None:
+    """Return what keeps a run with these verdicts from passing, None if nothing does."""
+    judgement = run_judgement(verdict["judgement"] for verdict in verdicts)
+    if judgement != "not judged":
+        return None if judgement == "pass" else "failure"
+    reasons = [verdict["reason"] for verdict in verdicts if verdict["judgement"] == judgement]
+    return "error" if not reasons or any(reason.startswith(FAULT) for reason in reasons) else "skipped"
+
+
 def _flaw(run: ExportedRun) -> Flaw | None:
-    judgement = run_judgement(verdict["judgement"] for verdict in run.verdicts)
-    if judgement == "pass":
+    kind = flaw_of(run.verdicts)
+    if kind is None:
         return None
+    judgement = run_judgement(verdict["judgement"] for verdict in run.verdicts)
     against = [verdict for verdict in run.verdicts if verdict["judgement"] == judgement]
     message = "; ".join(f"{verdict['oracle']}: {verdict['reason']}" for verdict in against)
     told = [[each["oracle"], each["judgement"], *filter(None, [each["reason"]])] for each in run.verdicts]
     text = "\n".join([*map(": ".join, told), *_final_tree(run)])
-    if judgement == "fail":
-        return Flaw("failure", message, text)
-    if not against or any(verdict["reason"].startswith(FAULT) for verdict in against):
-        return Flaw("error", message or f"{FAULT}: there is no verdict", text)
-    return Flaw("skipped", f"not judged by {message}", text)
+    if kind == "skipped":
+        message = f"not judged by {message}"
+    return Flaw(kind, message or f"{FAULT}: there is no verdict", text)
 
 
 def _final_tree(run: ExportedRun) -> Iterator[str]:

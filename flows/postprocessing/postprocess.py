@@ -11,7 +11,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, Literal
 
-from vastflow.flows.export.export import SHARED, export
+from vastflow.flows.export.catalog import SHARED, Vast
+from vastflow.flows.export.export import export
 from vastflow.flows.postprocessing.plug_in import Request
 from vastflow.flows.results.results import write_json
 from vastflow.flows.results.summary import Results
@@ -97,7 +98,7 @@ class _Copy:
     def state(self) -> Mapping[str, tuple[int, int]]:
         """Place of each file of the copy to its size and time; makes the copy."""
         if not self.folder.exists():
-            export(self.directory, self.folder, outputs="")
+            export(self.directory, self.folder, chosen=Vast(outputs=""))
         files = (path for path in self.folder.rglob("*") if path.is_file() and not path.is_symlink())
         return {
             path.relative_to(self.folder).as_posix(): (path.stat().st_size, path.stat().st_mtime_ns) for path in files

@@ -235,7 +235,7 @@ def test_oracle_of_page_judges_run(folder):
 @pytest.mark.slow
 def test_tests_of_pages_pass(folder):
     tests = [block.about for block in FILES if block.about.startswith("test_")]
-    assert len(tests) == 4
+    assert len(tests) == 5
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", str(folder), *tests]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout

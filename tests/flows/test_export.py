@@ -178,7 +178,7 @@ def test_export_takes_patterns_of_families_and_configurations(results, tmp_path)
     both = ["room-1", "room-2"]
     for k, (patterns, names) in enumerate([(["room"], both), (["*-2"], both[1:]), (["*1", "*2"], both)]):
         folder = tmp_path / f"out{k}"
-        assert [suite.name for suite in export(results, folder, patterns).suites] == names
+        assert export(results, folder, patterns).names == names
         assert sorted(path.name for path in folder.glob("room*")) == names
     for pattern, hint in (("rom-1", "Did you mean 'room-1'"), ("kitchen*", "Expected one of room, room-1, room-2")):
         words = re.escape(f"No family or configuration matches {pattern!r}. {hint}")

@@ -1,0 +1,97 @@
+"""The contract of export formats, as checks that a format's author can call in a test."""
+
+import copy
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+import numpy as np
+
+from vastflow.flows.export.format import ExportedCampaign, ExportedConfiguration, ExportedFile, Format
+from vastflow.flows.export.run import ExportedRun
+from vastflow.sim.model.recording import RunLog
+from vastflow.sim.plug_ins.conformance import must
+
+
+def check_format(chosen: Format) -> None:
+    """Run all `CHECKS` on a format; raise an `AssertionError` that says what it must do at the first that fails."""
+    for check in CHECKS:
+        check(chosen)
+
+
+def check_files(chosen: Format) -> None:
+    """Check that it gives each file once, at a place inside the folder, with bytes or the path of a file as content."""
+    name = type(chosen).__name__
+    for campaign in sample_campaigns():
+        taken: set[str] = set()
+        for place, content in _files(chosen, campaign):
+            path = PurePosixPath(place)
+            inside = isinstance(place, str) and bool(path.parts) and not path.is_absolute() and ".." not in path.parts
+            must(inside and "\\" not in place, f"{name} must yield a path inside the folder, got {place!r}")
+            is_content = isinstance(content, bytes) or (isinstance(content, Path) and content.is_file())
+            must(
+                is_content, f"{name} must yield bytes or the path of a file for {place!r}, got {type(content).__name__}"
+            )
+            must(str(path) not in taken, f"{name} must yield {place!r} once")
+            taken.add(str(path))
+        above = taken & {str(parent) for place in taken for parent in PurePosixPath(place).parents}
+        must(not above, f"{name} must not yield files at {sorted(above)}, which are folders of others")
+
+
+def check_determinism(chosen: Format) -> None:
+    """Check that the same campaign gives the same files."""
+    for campaign in sample_campaigns():
+        same = _files(chosen, campaign) == _files(chosen, campaign)
+        must(same, f"{type(chosen).__name__} must yield the same files for the same campaign")
+
+
+def check_inputs_are_kept(chosen: Format) -> None:
+    """Check that it changes nothing of the campaign."""
+    for campaign in sample_campaigns():
+        before = copy.deepcopy(campaign)
+        _files(chosen, campaign)
+        kept = repr(campaign) == repr(before) and _contents(campaign) == _contents(before)
+        must(kept, f"{type(chosen).__name__} must not change the campaign that it is given")
+
+
+CHECKS: Final[tuple[Callable[[Format], None], ...]] = (check_files, check_determinism, check_inputs_are_kept)
+"""All checks, for a test that is parametrized with them and reports each on its own."""
+
+
+def sample_campaigns() -> tuple[ExportedCampaign, ...]:
+    """Return an empty campaign, and one with a run of each kind, a duplicate, and what no name of a file or text in XML may be."""
+    log = RunLog(1_700_000_000.0, 0.5, 0.4, 4096, ("0.1 s: \x00 begun",))
+    verdict = {"oracle": "success", "judgement": "pass", "reason": "", "metrics": {"time": {"value": 7.5, "unit": "s"}}}
+    failed = {"oracle": "näh<e>", "judgement": "fail", "reason": 'a "box"\n& a wall', "metrics": {}}
+    run = partial(ExportedRun, "sample", host={"host": {"name": "bench"}, "versions": {}, "pid": 1})
+    row = {"simulated_s": 7.5, "outcome": "succeeded"}
+    columns = {name: np.array([0, 5, 10], dtype=np.int32) for name in ("t_ms", "x_mm", "y_mm", "yaw_mrad")}
+    for column in columns.values():
+        column.flags.writeable = False
+    robot = [run("room-1", 0, [verdict], row, log, recorded=columns), run("room-1", 1, [verdict, failed], row, log)]
+    program = [
+        run("job-1", 0, [], None, None),
+        run("job-1", 3, [failed], None, log, outputs={"a/b.csv": b"n\n1\n", "ü": b""}),
+    ]
+    values = {"map_file": PurePosixPath("maps/room.yaml"), "goal": {"x": 1.0}, "empty": None}
+    configurations = (
+        ExportedConfiguration("room-1", "room", "navigate", values, None, robot),
+        ExportedConfiguration("room-2", "room", "navigate", values, "room-1"),
+        ExportedConfiguration("job-1", "job", runs=program),
+    )
+    files = {"campaign.vast": Path(__file__), "maps/room.yaml": Path(__file__)}
+    return ExportedCampaign("empty"), ExportedCampaign("sample", "2 of 4 runs passed", configurations, files)
+
+
+def _files(chosen: Format, campaign: ExportedCampaign) -> list[ExportedFile]:
+    try:
+        return list(chosen.files(campaign))
+    except Exception as error:
+        what = f"{type(chosen).__name__} must not raise, and raised {type(error).__name__}: {error}"
+        raise AssertionError(what) from error
+
+
+def _contents(campaign: ExportedCampaign) -> list[Any]:
+    runs = [run for each in campaign.configurations for run in each.runs]
+    return [({name: column.tolist() for name, column in run.recorded.items()}, run.outputs) for run in runs]
