@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vastflow.oracles.statistics.intervals import Floats, counts
+from vastflow.oracles.statistics.tails import binomial_at_most, binomial_quantile, false_discovery
 
 ClassName: TypeAlias = Literal["reliable", "systematic", "flaky", "undecided"]
 
@@ -95,8 +96,6 @@ def classify(passed: ArrayLike, judged: ArrayLike, bounds: ClassBounds | None = 
     Args:
         passed, judged: (m,) counts, one entry a configuration.
     """
-    from scipy.stats import false_discovery_control
-
     bounds = bounds or ClassBounds()
     x, n = counts(passed, judged)
     claims = _tails(x, n, bounds, given=False)
@@ -106,7 +105,7 @@ def classify(passed: ArrayLike, judged: ArrayLike, bounds: ClassBounds | None = 
     among_candidates = np.where(able, _tails(x, n, bounds, given=True), np.inf)
     adjusted = np.ones_like(among_candidates)
     for given, found in zip(among_candidates, adjusted, strict=True):
-        found[np.isfinite(given)] = false_discovery_control(given[np.isfinite(given)])
+        found[np.isfinite(given)] = false_discovery(given[np.isfinite(given)])
     of_nearest = np.take_along_axis(adjusted, nearest[None, :], axis=0)[0]
     names: tuple[ClassName, ...] = tuple(
         CLAIMS[k] if q <= error else "undecided" for k, q in zip(nearest, of_nearest, strict=True)
@@ -152,12 +151,11 @@ def total_failures(passed: ArrayLike, judged: ArrayLike) -> TotalFailures:
 
 def _tails(x: Floats, n: Floats, bounds: ClassBounds, *, given: bool) -> Floats:
     """p-values (3, m) of `CLAIMS`; with `given` among their candidates, infinite for others."""
-    from scipy.stats import binom
 
     def at_most(x: Floats, p: float) -> Floats:
         """P(X <= x | p); candidates are counts up to the quantile `_CANDIDATE`."""
-        p_values = binom.cdf(x, n, p)
-        candidates = binom.cdf(binom.ppf(_CANDIDATE, n, p), n, p) if given else np.ones_like(n)
+        p_values = binomial_at_most(x, n, p)
+        candidates = binomial_at_most(binomial_quantile(_CANDIDATE, n, p), n, p) if given else np.ones_like(n)
         return np.where(p_values <= candidates, p_values / candidates, np.inf)
 
     s, r = bounds.systematic, bounds.reliable

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from vastflow.oracles.results.factors import Factor
 from vastflow.oracles.statistics.analysis import holm
 from vastflow.oracles.statistics.intervals import LEVEL, Floats, mean_interval
+from vastflow.oracles.statistics.tails import binomial_at_most, false_discovery
 
 Bools = NDArray[np.bool_]
 Codes = NDArray[np.int64]
@@ -118,9 +119,7 @@ class LevelDifference:
 
 def mcnemar(lost: ArrayLike, gained: ArrayLike) -> Floats:
     """Two-sided p-values of McNemar's exact test; 1 without discordant pairs."""
-    from scipy.stats import binom
-
-    p_values: Floats = np.minimum(1.0, 2.0 * binom.cdf(np.minimum(lost, gained), np.add(lost, gained), 0.5))
+    p_values: Floats = np.minimum(1.0, 2.0 * binomial_at_most(np.minimum(lost, gained), np.add(lost, gained), 0.5))
     return p_values
 
 
@@ -182,8 +181,6 @@ def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
     """
     if not len(pairs):
         return []
-    from scipy.stats import false_discovery_control  # takes a third of a second
-
     known, at = np.unique(pairs.configuration, return_inverse=True)
     lost = np.bincount(at[pairs.before & ~pairs.after], minlength=len(known))
     gained = np.bincount(at[~pairs.before & pairs.after], minlength=len(known))
@@ -191,7 +188,7 @@ def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
     p_values = mcnemar(lost, gained)
     adjusted = np.ones_like(p_values)
     able = 2.0 * 0.5 ** (lost + gained) <= error
-    adjusted[able] = false_discovery_control(p_values[able])
+    adjusted[able] = false_discovery(p_values[able])
     columns = (known, sizes, before, before - lost + gained, lost, gained, p_values, adjusted, adjusted <= error)
     discordant = lost + gained > 0
     found = [Change(*row) for row in zip(*(column[discordant].tolist() for column in columns), strict=True)]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vastflow.oracles.statistics.intervals import LEVEL, Floats, few_clusters, wilson_intervals
+from vastflow.oracles.statistics.tails import false_discovery
 
 MINIMUM_VISITS: Final = 5
 """Fewest visits for a rate."""
@@ -107,13 +108,12 @@ class FailureMap:
         if not 0.0 < usual < 1.0:
             return found
         from scipy.special import stdtr
-        from scipy.stats import false_discovery_control
 
         tested = self.visits >= MINIMUM_VISITS
         n, p, m = self.effective_visits()[tested], self.rate(1)[tested], self.configurations[tested]
         scores = (p - usual) / np.sqrt(np.maximum(usual * (1 - usual), p * (1 - p)) / n)
         p_values = np.where(p == 1.0, usual**m, stdtr(np.maximum(m - 1, 1), -scores))
-        found[tested] = false_discovery_control(p_values) <= 0.05
+        found[tested] = false_discovery(p_values) <= 0.05
         return found
 
 

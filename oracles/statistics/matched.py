@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.statistics.intervals import Floats, wilson_intervals
+from vastflow.oracles.statistics.tails import hypergeometric, log_chi2_tail
 
 Codes = NDArray[np.int64]
 DRAWS: Final = 9999
@@ -84,20 +85,16 @@ def matched(failed: Floats, runs: Floats, codes: Codes, sets: Codes, values: Flo
 
 def _exact(failed: Floats, runs: Floats) -> float:
     """Probability that the count at the first level is at least as far from the expected one, by convolution."""
-    from scipy.stats import hypergeom
-
     whole, total = runs.sum(axis=1), failed.sum(axis=1)
     chances = np.ones(1)
     for n, m, size in zip(runs[:, 0], total, whole, strict=True):
-        chances = np.convolve(chances, hypergeom.pmf(np.arange(n + 1), size, m, n))
+        chances = np.convolve(chances, hypergeometric(n, m, size))
     expected = float((runs[:, 0] * total / whole).sum())
     away, observed = np.abs(np.arange(len(chances)) - expected), abs(float(failed[:, 0].sum() - expected))
     return min(1.0, float(chances[away >= observed - 1e-9].sum()))
 
 
 def _drawn(failed: Floats, runs: Floats, values: Floats | None) -> float:
-    from scipy.stats import chi2
-
     whole, total = runs.sum(axis=1), failed.sum(axis=1)
     expected = (runs * (total / whole)[:, None]).sum(axis=0)
     scale = total * (whole - total) / (whole**2 * (whole - 1))
@@ -110,9 +107,9 @@ def _drawn(failed: Floats, runs: Floats, values: Floats | None) -> float:
     def statistic(sums: Floats) -> Floats:
         """Logarithm (D,) of the smaller chi-squared tail of (D, L) failures; a statistic, not a p-value."""
         away = sums - expected
-        found = chi2.logsf(np.einsum("ij,jk,ik->i", away, inverse, away), degrees)
+        found = log_chi2_tail(np.einsum("ij,jk,ik->i", away, inverse, away), degrees)
         if centered is not None and steep > 0.0:
-            found = np.minimum(found, chi2.logsf((away @ centered) ** 2 / steep, 1))
+            found = np.minimum(found, log_chi2_tail((away @ centered) ** 2 / steep, 1))
         return np.asarray(found)
 
     observed = float(statistic(failed.sum(axis=0)[None])[0]) + 1e-9
