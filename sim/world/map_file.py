@@ -242,7 +242,7 @@ def _sixteen_bits(picture: Image.Image, content: bytes) -> NDArray[np.int64]:
         found = found if is_gray else found[..., :3]
     if content[:2] == b"BM" and content[28] == 16:
         bits = np.array([5, 6 if content[30] == 3 and content[58:60] == b"\xe0\x07" else 5, 5])
-        return np.rint(found / 255 * (2**bits - 1)).astype(np.int64) << (16 - bits)
+        return np.asarray(np.rint(found / 255 * (2**bits - 1)).astype(np.int64) << (16 - bits))
     if (head := _PNM.match(content)) is None:
         return found * (65535 // top)
     kind, white, end = head[1], int(head[4]), head.end()
