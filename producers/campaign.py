@@ -12,7 +12,6 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from vastflow.producers.campaign_file.document import Document, faults_of, read_document
-from vastflow.producers.campaign_file.nav2_parameters import nav2_params_of
 from vastflow.producers.campaign_file.postprocessing import step_notes, steps_of
 from vastflow.producers.campaign_file.robovast import EXPECTED, SCHEMAS
 from vastflow.producers.campaign_file.scenario import FROM_GOAL, abstract_scenario_of, programs_of
@@ -25,6 +24,7 @@ from vastflow.producers.campaign_file.spec import (
     is_tolerated_in_family,
     unexecuted,
 )
+from vastflow.producers.campaign_file.system_file import system_file_of
 from vastflow.producers.catalog.path import UNPROVED, PathVariationRandom
 from vastflow.producers.instantiation.family import FamilyReader
 from vastflow.producers.instantiation.instantiate import Family
@@ -144,9 +144,9 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
     abstract, abstract_faults = abstract_scenario_of(document, path.parent)
     programs, program_notes, program_faults = programs_of(document, path.parent, spec.execution, abstract or FROM_GOAL)
     faults += [*abstract_faults, *program_faults]
-    nav2 = nav2_params_of(document, path.parent)
+    system_file = system_file_of(document, path.parent)
     maps = MapSearch(path.parent, map_dir and map_dir.resolve())
-    reader = FamilyReader(document, path.parent, abstract, nav2.system, maps, spec.execution.max_configurations)
+    reader = FamilyReader(document, path.parent, abstract, system_file.values, maps, spec.execution.max_configurations)
     families = [family for family in _families(document, reader) if family.name not in reader.unavailable]
     searching = None
     if spec.search and not spec.configuration:
@@ -155,17 +155,17 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
             spec.search,
             spec.execution,
             path.parent,
-            lambda filled: FamilyReader(filled, path.parent, abstract, nav2.system, maps, refuse_empty=False),
+            lambda filled: FamilyReader(filled, path.parent, abstract, system_file.values, maps, refuse_empty=False),
         )
         families, faults = [*searching.families], [*faults, *searching.faults]
     faults += [*reader.faults, *_family_set_faults(document), *_oracle_faults(document)]
-    if faults or document.faults or nav2.faults or (reader.unavailable and not families):
+    if faults or document.faults or system_file.faults or (reader.unavailable and not families):
         faults += [fault for missing in reader.unavailable.values() for fault in missing]
         # What could not be read stands as nothing in the data, so the model complains of it a second time.
         places = {(fault.place.line, fault.place.column) for fault in document.faults}
         own = [fault for fault in faults if (fault.place.line, fault.place.column) not in places]
         ignored = [note for note in (*notes, *reader.notes) if note.kind == "unknown key"]
-        raise FileError([*document.faults, *own, *nav2.faults, *ignored])
+        raise FileError([*document.faults, *own, *system_file.faults, *ignored])
     if too_many := size_faults(document, families, spec.execution):
         raise FileError(too_many)
     notes += [document.note("not executed", where, NOT_EXECUTED, why) for where, why in unexecuted(spec)]
@@ -186,9 +186,9 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
         oracles=tuple(oracle_requests(spec.evaluation)),
         notes=(
             *sorted(dict.fromkeys([*document.notes, *notes]), key=lambda note: (note.place.line, note.place.column)),
-            *nav2.notes,
+            *system_file.notes,
         ),
-        nav2_defaults=nav2.defaults,
+        nav2_defaults=system_file.defaults,
         unexecutable=searching.unexecutable if searching else (),
         unavailable=reader.unavailable,
         document=document,

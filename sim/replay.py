@@ -16,7 +16,7 @@ from vastflow.sim.model.recording import Recording, run_row
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.controllers.local_plan import cut_plan
 from vastflow.sim.nav2.controllers.mppi import Mppi
-from vastflow.sim.nav2.costmaps.inflation import UNKNOWN
+from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL, UNKNOWN
 from vastflow.sim.nav2.navigator import state
 from vastflow.sim.nav2.navigator.state import Stack
 from vastflow.sim.run import run
@@ -89,6 +89,10 @@ class Moment:
         return float(np.hypot(self.true.x_m - self.estimate.x_m, self.true.y_m - self.estimate.y_m))
 
 
+State: TypeAlias = Stack
+"""What the watch of a run is given: the state of a system after a tick, which `moment_of` and `snapshot_of` read."""
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Patch:
     """A rectangle of a costmap, somewhere in the map frame.
@@ -101,6 +105,20 @@ class Patch:
     costs: NDArray[np.uint8] = field(repr=False)
     corner: Pose
     resolution_m: float
+
+    @property
+    def lethal(self) -> NDArray[np.bool_]:
+        """Cells of obstacles."""
+        return np.asarray(self.costs == LETHAL)
+
+    @property
+    def inscribed(self) -> NDArray[np.bool_]:
+        """Cells where the robot's center would have it in an obstacle."""
+        return np.asarray(self.costs == INSCRIBED)
+
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        return np.asarray(self.costs == UNKNOWN)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -28,9 +28,8 @@ from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns, Event, Recording
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.nav2.parameter_files.chosen import drawn_parameters
-from vastflow.sim.reading.robot import robot_of
 from vastflow.sim.reading.world import world_of
+from vastflow.sim.system.system import system_of
 from vastflow.sim.world.occupancy import OccupancyMap
 
 POSES: Final = ("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad")
@@ -159,7 +158,7 @@ def frames_of(run: StoredRun, asked: str) -> bytes:
     facts = facts_of(run, asked)
     if run.recording is None or facts["sentence"]:
         return packed(facts, {})
-    situation, robot = situation_of(run.scenario), robot_of(drawn_parameters(run.scenario.system))
+    situation, robot = situation_of(run.scenario), system_of(run.scenario.system, is_drawn=True).robot
     grids = [*_grids(run.scenario)]
     facts |= {
         "robot": {"radius_m": robot.radius_m, "vertices": robot.vertices},

@@ -15,10 +15,9 @@ from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Recording
-from vastflow.sim.nav2.navigator.state import Stack
 from vastflow.sim.plug_ins.loading import code_from
 from vastflow.sim.reading.checked import checked_of
-from vastflow.sim.replay import Box, Moment, Patch, first_difference, moment_of, snapshot_of
+from vastflow.sim.replay import Box, Moment, Patch, State, first_difference, moment_of, snapshot_of
 from vastflow.sim.run import run
 from vastflow.sim.scenario.programs.actions import PROCESSES
 
@@ -102,7 +101,7 @@ class Watched:
         self._costs = {name: Parts(np.empty(0, dtype=np.uint8)) for name in ("global", "local")}
         self._places: dict[str, list[tuple[float, ...]]] = {name: [] for name in self._costs}
 
-    def __call__(self, stack: Stack, tick: int) -> None:
+    def __call__(self, stack: State, tick: int) -> None:
         """Look at the stack after a tick."""
         moment = moment_of(stack, tick)
         self._moments.append(moment)

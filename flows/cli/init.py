@@ -63,14 +63,14 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
 
     from vastflow.producers.places.ground import ground_of
     from vastflow.producers.places.route import farthest_m
-    from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
-    from vastflow.sim.nav2.parameter_files.chosen import local_outline
-    from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, nav2_file
+    from vastflow.sim.model.polygon import circumscribed_radius_m
+    from vastflow.sim.system.keys import FILE_KEY
+    from vastflow.sim.system.system import system_kind, system_of
     from vastflow.sim.world.map_file import MapError, map_content
 
     try:
-        outline = local_outline({} if nav2_params is None else {FILE_KEY: nav2_file(nav2_params)})
-        diameter_m = math.ceil(200 * circumscribed_radius_m(outline)) / 100
+        file = {} if nav2_params is None else {FILE_KEY: system_kind().file_content(nav2_params)}
+        diameter_m = math.ceil(200 * circumscribed_radius_m(system_of(file).start_outline)) / 100
         ground = ground_of(map_content(map_file), diameter_m, diameter_m / 2)
     except MapError as error:
         raise UserError(str(error)) from None

@@ -2,20 +2,14 @@
 
 import json
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Annotated, Any, Final
 
 import typer
 
 from vastflow.flows.terminal.options import AsJson
 from vastflow.sim.model.faults import message_of
-
-if TYPE_CHECKING:
-    from vastflow.sim.nav2.parameter_files.findings import Finding
-    from vastflow.sim.nav2.parameter_files.interpretation import Interpretation
 
 MEANING: Final[Mapping[str, str]] = {
     "modeled": "used",
@@ -34,120 +28,81 @@ def params(
 
     Each parameter of the file with the value that the simulator uses, or with what it does instead.
     """
-    from vastflow.sim.nav2.parameter_files.findings import findings
-    from vastflow.sim.nav2.parameter_files.interpretation import interpretation
-    from vastflow.sim.nav2.parameter_files.parameter_file import read_nav2_document
+    from vastflow.sim.system.system import system_kind
 
-    found = interpretation(read_nav2_document(file))
-    rows = findings(found)
-    counted = Counter[str](row.status for row in rows)
-    counts = {status: counted[status] for status in MEANING}
+    account = system_kind().account(file)
     if as_json:
-        print(json.dumps(_as_json(found, rows, counts)))
+        rows = [{**row, "value": _finite(row["value"])} for row in account["parameters"]]
+        print(json.dumps({**account, "parameters": rows}))
     else:
-        _print(found, rows, counts)
+        _print(account)
 
 
-def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[str, int]) -> Mapping[str, Any]:
-    from vastflow.sim.nav2.parameter_files.command_chain import command_chain, filter_chains
-    from vastflow.sim.nav2.parameter_files.document import dotted
-    from vastflow.sim.nav2.parameter_files.findings import left_out, omitted
-    from vastflow.sim.nav2.parameter_files.refusals import refusals
-    from vastflow.sim.nav2.parameter_files.releases import changes_since_jazzy, release_of
-    from vastflow.sim.nav2.parameter_files.robots import namespace_text
-    from vastflow.sim.reading.robot import lidar_of, robot_facts, robot_of
-
-    parameters, kinds = [], {*found.reader.kinds.values()}
-    for row in rows:
-        place = {"path": dotted(row.path), "line": row.place[0], "column": row.place[1]}
-        # JSON has no infinity, which a parameter that is not modeled may be
-        value = str(row.value) if isinstance(row.value, float) and not math.isfinite(row.value) else row.value
-        parameters.append({**place, "value": value, "status": row.status, "used": row.used, "why": row.why})
-    return {
-        "file": found.document.file,
-        "robot_namespace": namespace_text(found.document.robot),
-        "other_robots": [*dict.fromkeys(map(namespace_text, found.document.others.values()))],
-        "counts": counts,
-        "parameters": parameters,
-        "robot": asdict(robot_of(found.parameters)),
-        "lidar": asdict(lidar_of(found.parameters)),
-        "robot_facts": [asdict(fact) for fact in robot_facts(found.parameters)],
-        "left_out": {dotted(path): value for path, value in left_out(found).items()},
-        "omitted": [
-            {"path": dotted(path), "value": declared.default, "source": declared.source, key: other}
-            for path, declared, other, is_used in omitted(found)
-            for key in ["jazzy" if is_used else "built_in"]
-        ],
-        "refused": [str(fault) for fault in refusals(found)],
-        "warnings": {dotted(path): list(said) for path, said in found.reader.warnings.items()},
-        "nav2_release": release_of(found.document),
-        "release_differences": [change._asdict() for change in changes_since_jazzy(found.document, kinds)],
-        "command_chain": command_chain(found.document, found.left_away),
-        "filter_chains": [*filter_chains(found.reader)],
-        "nodes_of_jazzy": found.replaced,
-        "nodes_of_code": found.absent,
-        "nodes_left_away": found.left_away,
-    }
+def _finite(value: Any) -> Any:
+    """Return a value for JSON, which has no infinity."""
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[str, int]) -> None:
+def _print(account: Mapping[str, Any]) -> None:
     from vastflow.flows.terminal.display import printed, terminal_table
-    from vastflow.producers.campaign_file.nav2_parameters import short
-    from vastflow.producers.model.faults import shown
-    from vastflow.sim.nav2.parameter_files.command_chain import command_chain, filter_chains
-    from vastflow.sim.nav2.parameter_files.findings import left_out, omitted
-    from vastflow.sim.nav2.parameter_files.refusals import refusals
-    from vastflow.sim.nav2.parameter_files.releases import changes_since_jazzy, guessed_release
-    from vastflow.sim.reading.robot import robot_facts, robot_words
+    from vastflow.sim.system.facts import RobotFact, robot_words
 
-    lines = []
-    for row in rows:
-        said = f"{row.status}: {row.why}" if row.why else row.status
-        if row.status == "differs" and not row.why:
-            said = f"differs: {shown(row.used)} is built in"
-        elif row.status == "modeled" and row.used != row.value:
-            said = f"modeled: {shown(row.used)}"
-        lines.append((str(row.place[0]), short(row.path), shown(row.value, 40), said))
-    printed([terminal_table((), ("line",), ("parameter", "value", "simulator"), lines), ""])
-    for status, count in counts.items():
-        print(f"{count:>4}  {status}: {MEANING[status]}")
-    for fault in refusals(found):
+    rows = [_row(row) for row in account["parameters"]]
+    printed([terminal_table((), ("line",), ("parameter", "value", "simulator"), rows), ""])
+    for status, meaning in MEANING.items():
+        print(f"{account['counts'][status]:>4}  {status}: {meaning}")
+    for fault in account["refused"]:
         print(f"Nav2 does not start: {fault}")
-    for path, (what, consequence) in found.reader.warnings.items():
-        print(f"warning: {short(path)}: {message_of(what, consequence)}")
-    print(f"{len(left_out(found)):>4}  more are modeled, with the defaults of Nav2's code")
-    if rows_left_out := omitted(found):
+    for path, said in account["warnings"].items():
+        print(f"warning: {_short(path)}: {message_of(*said)}")
+    print(f"{len(account['left_out']):>4}  more are modeled, with the defaults of Nav2's code")
+    if account["omitted"]:
         print("\nleft out, and not in Nav2's code as in Jazzy's file or as built in:")
-        printed(
-            [
-                terminal_table(
-                    (),
-                    (),
-                    ("parameter", "Nav2's code", "in its place", "declared"),
-                    [
-                        (
-                            short(path),
-                            shown(declared.default, 40),
-                            f"{'Jazzy' if is_used else 'built in'}: {shown(other, 40)}",
-                            declared.source,
-                        )
-                        for path, declared, other, is_used in rows_left_out
-                    ],
-                ),
-                "",
-            ]
+        titles = "parameter", "Nav2's code", "in its place", "declared"
+        printed([terminal_table((), (), titles, [*_omitted(account["omitted"])]), ""])
+    for key, words in (
+        ("nodes_of_jazzy", "not in the file, as in Nav2 Jazzy's file"),
+        ("nodes_of_code", "not in the file, as in Nav2's code"),
+        ("nodes_left_away", "not in the file and not simulated"),
+    ):
+        if account[key]:
+            print(f"{words}: {', '.join(account[key])}")
+    name = account["nav2_release_by"]
+    why = f"the first with {name!r}" if name else "as nothing in it is newer"
+    print(f"release: Nav2 {account['nav2_release'].title()}, {why}")
+    for change in account["release_differences"]:
+        print(
+            f"differs: since {change['since'].title()} {change['words']} ({change['source']}), but {change['here']} here"
         )
-    if found.replaced:
-        print(f"not in the file, as in Nav2 Jazzy's file: {', '.join(found.replaced)}")
-    if found.absent:
-        print(f"not in the file, as in Nav2's code: {', '.join(found.absent)}")
-    if found.left_away:
-        print(f"not in the file and not simulated: {', '.join(found.left_away)}")
-    release, name = guessed_release(found.document)
-    print(f"release: Nav2 {release.title()}, {f'the first with {name!r}' if name else 'as nothing in it is newer'}")
-    for change in changes_since_jazzy(found.document, {*found.reader.kinds.values()}):
-        print(f"differs: since {change.since.title()} {change.words} ({change.source}), but {change.here} here")
-    print(f"commands: {command_chain(found.document, found.left_away)}")
-    for chain in filter_chains(found.reader):
+    print(f"commands: {account['command_chain']}")
+    for chain in account["filter_chains"]:
         print(f"filter: {chain}")
-    print(*robot_words(robot_facts(found.parameters)), sep="\n")
+    print(*robot_words(RobotFact(**fact) for fact in account["robot_facts"]), sep="\n")
+
+
+def _row(row: Mapping[str, Any]) -> Sequence[str]:
+    from vastflow.producers.model.faults import shown
+
+    status, value, used, why = row["status"], row["value"], row["used"], row["why"]
+    said = f"{status}: {why}" if why else status
+    if status == "differs" and not why:
+        said = f"differs: {shown(used)} is built in"
+    elif status == "modeled" and used != value:
+        said = f"modeled: {shown(used)}"
+    return str(row["line"]), _short(row["path"]), shown(value, 40), said
+
+
+def _omitted(rows: Iterable[Mapping[str, Any]]) -> Iterator[Sequence[str]]:
+    from vastflow.producers.model.faults import shown
+
+    for row in rows:
+        ((words, other),) = [(words, row[key]) for key, words in _IN_PLACE if key in row]
+        yield _short(row["path"]), shown(row["value"], 40), f"{words}: {shown(other, 40)}", row["source"]
+
+
+_IN_PLACE: Final = (("jazzy", "Jazzy"), ("built_in", "built in"))
+
+
+def _short(path: str) -> str:
+    """Return a parameter's path without `ros__parameters`, as campaign files may have it for a key."""
+    return ".".join(name for name in path.split(".") if name != "ros__parameters")

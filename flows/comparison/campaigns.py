@@ -32,9 +32,8 @@ from vastflow.oracles.statistics.intervals import needed
 from vastflow.producers.campaign_file.document import Document, read_document
 from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.nav2.parameter_files.document import PARAMETERS
-from vastflow.sim.nav2.parameter_files.document import read_document as read_parameters
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.system.keys import FILE_KEY
+from vastflow.sim.system.system import system_kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +90,11 @@ class _Side:
         system = parts.pop("system", None) or {}
         text = json.dumps([system, parts], sort_keys=True)
         if text not in self._known:
-            found = dict(self._parameters(system.get(FILE_KEY)))
-            found |= {key: self._placed(key, value) for key, value in _flat({**system, **parts}) if key not in found}
-            if any(PARAMETERS in key for key in found):
+            of_file = dict(self._parameters(system.get(FILE_KEY)))
+            found = of_file | {
+                key: self._placed(key, value) for key, value in _flat({**system, **parts}) if key not in of_file
+            }
+            if of_file:
                 del found[f"{FILE_KEY}.file"]  # its parameters say more than its digest
             self._known[text] = found
         return self._known[text]
@@ -101,10 +102,8 @@ class _Side:
     def _parameters(self, file: Any) -> Iterator[tuple[str, Given]]:
         with suppress(ValueError, OSError, KeyError, TypeError):
             path = self._files.path(file["file"])
-            document = read_parameters(path)
-            for location, value in document.values.items():
-                line, _ = document.place(location)
-                yield ".".join(location), Given(_text(value), f"{path.relative_to(self._tables.directory)}:{line}")
+            for name, value, line in system_kind().file_parameters(path):
+                yield name, Given(_text(value), f"{path.relative_to(self._tables.directory)}:{line}")
 
     def _placed(self, key: str, value: Any) -> Given:
         """Return a value with the first line of the campaign file that gives it, or else names its parameter."""

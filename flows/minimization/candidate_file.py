@@ -24,9 +24,8 @@ from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import FileError, message_of
 from vastflow.sim.model.files import copy_file, files_below
-from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.system.keys import FILE_KEY, MASK_KEYS
 from vastflow.sim.world.map_file import image_of
 
 FAMILY: Final = "minimal"

@@ -13,16 +13,15 @@ from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.schema import read_columns, table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.producers.minimization.circumstance import Subject
-from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.model.files import read_bytes, read_json, yaml_value
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.sim.plug_ins.loading import check_permitted
 from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.system.keys import FILE_KEY, MASK_KEYS
+from vastflow.sim.system.system import system_of
 
 MESH_KEY = "mesh_file"
 """Ignored by runs, see `vastflow.producers.instantiation.family`."""
@@ -82,7 +81,7 @@ def failing_configuration(directory: Path, name: str, oracle: str | None, rate: 
             campaign,
             metadata.get("asked", {}).get("places", {}),
             str(families.get(row["family"], {}).get("start_check", "footprint")),
-            assumed_keys(scenario.system),
+            system_of(scenario.system).assumed_keys(),
         )
 
 
@@ -125,7 +124,11 @@ def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float)
 
 
 def _subject(place: str, scenario: Scenario) -> Subject:
-    parts = {"environment": scenario.environment, "task": scenario.task, "system": spelled_out(scenario.system)}
+    parts = {
+        "environment": scenario.environment,
+        "task": scenario.task,
+        "system": system_of(scenario.system).spelled_out(),
+    }
     values = {key: value for part in parts.values() for key, value in part.items() if key != MESH_KEY}
     kept = (MAP_KEY, FILE_KEY, *MASK_KEYS)
     files = [key for key, value in values.items() if isinstance(value, FileContent) and key not in kept]

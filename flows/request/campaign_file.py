@@ -18,8 +18,8 @@ from vastflow.producers.model.faults import Location
 from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.plug_ins.snapshot import plug_ins_in
 from vastflow.tasks.engine.evaluation import content_of, producers_in
 from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, Keys, numeric_class
 from vastflow.tasks.keys.source import SourceTree

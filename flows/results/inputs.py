@@ -20,10 +20,10 @@ from vastflow.producers.floorplan.files import PlanFile, VariationFile
 from vastflow.sim.model.digest import FileContent, digest, file_digest
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.files import copy_file, files_below, read_bytes
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, plug_ins_in
 from vastflow.sim.plug_ins.loading import check_permitted, snapshot_behind
-from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot
+from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot, plug_ins_in
 from vastflow.sim.scenario.language.reading import files_of
+from vastflow.sim.system.keys import FILE_KEY
 from vastflow.sim.world.map_file import image_of, load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.tasks.engine.evaluation import content_of, files_in, producers_in

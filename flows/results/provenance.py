@@ -15,7 +15,8 @@ from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.faults import shown
 from vastflow.producers.model.producer import Producer
 from vastflow.sim.model.files import Unreadable, read_text
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.system.keys import FILE_KEY
+from vastflow.sim.system.system import system_of
 from vastflow.tasks.engine.evaluation import content_of, evaluation_source, producers_in
 from vastflow.tasks.keys.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, Keys
 from vastflow.tasks.keys.source import PLUG_IN, Code, SourceTree
@@ -115,11 +116,8 @@ def origin_differences(
         numeric, execute_source: Numeric class of this process, and source digest of the simulator as it is installed here.
         system: Of the recorded scenario.
     """
-    from vastflow.sim.nav2.parameter_files.chosen import file_of
-    from vastflow.sim.nav2.parameter_files.findings import defaults_row
-
-    file = file_of(system)
-    found = default_changes(metadata, {DEFAULTS_KEY: defaults_row(file)} if file else {})
+    defaults = system_of(system).defaults
+    found = default_changes(metadata, {} if defaults is None else {DEFAULTS_KEY: defaults})
     recorded_source = metadata["source"]["execute"]
     if recorded_source != execute_source:
         others = "".join(f"; {words}" for words in _other_versions(metadata))

@@ -21,8 +21,8 @@ from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.recording import run_of, si
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.nav2.parameter_files.chosen import drawn_parameters
-from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, masks_of
+from vastflow.sim.system.keys import MASK_KEYS
+from vastflow.sim.system.system import system_of
 from vastflow.sim.world.map_file import read_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
@@ -49,7 +49,7 @@ def zones_of(scenarios: Iterable[Scenario]) -> Zones:
     for scenario in scenarios:
         if scenario.system.keys().isdisjoint(MASK_KEYS):
             continue
-        masks = masks_of(scenario.system, drawn_parameters(scenario.system))
+        masks = system_of(scenario.system, is_drawn=True).masks
         for mask, found in ((masks.keepout, keepout), (masks.speed, speed)):
             if mask is not None:
                 found[mask.digest] = mask

@@ -26,9 +26,8 @@ from vastflow.sim.model.blocks import read_recordings, write_block
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.recording import Recording, si
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
-from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.reading.world import world_of
+from vastflow.sim.system.system import system_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.octile import inflated_free, shortest_path
 
@@ -136,7 +135,7 @@ class ScenarioObserver:
         self.situation = situation = situation_of(scenario)
         world = world_of(scenario.environment)
         occupancy = None if world is None else world.map
-        radius_m = inscribed_radius_of(parameters_of(scenario.system))
+        radius_m = system_of(scenario.system).inscribed_radius_m
 
         @functools.cache
         def references(obstacles: tuple[Obstacle, ...]) -> MaybeReference:

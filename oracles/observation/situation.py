@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
-from vastflow.sim.nav2.parameter_files.chosen import drawn_parameters
-from vastflow.sim.reading.robot import TURTLEBOT_4, TURTLEBOT_4_RADIUS_M, robot_of
 from vastflow.sim.reading.script import script_of
+from vastflow.sim.system.system import system_of
+from vastflow.sim.world.robot_model import TURTLEBOT_4, TURTLEBOT_4_RADIUS_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +40,6 @@ def situation_of(scenario: Scenario) -> Situation:
     script = script_of(scenario)
     if script.start is None:
         return Situation(None, script.goals, script.obstacles)
-    parameters = drawn_parameters(scenario.system)
-    radii_m = inscribed_radius_of(parameters), robot_of(parameters).radius_m
+    system = system_of(scenario.system, is_drawn=True)
+    radii_m = system.inscribed_radius_m, system.robot.radius_m
     return Situation(script.start, script.goals, script.obstacles, *radii_m, script.passed)

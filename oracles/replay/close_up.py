@@ -20,8 +20,6 @@ from vastflow.oracles.replay.bands import bands
 from vastflow.oracles.replay.story import Story
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
-from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL
-from vastflow.sim.nav2.costmaps.inflation import UNKNOWN as UNKNOWN_COST
 from vastflow.sim.replay import Box, Moment, Patch, TickSnapshot
 from vastflow.sim.world.occupancy import OccupancyMap
 
@@ -94,11 +92,11 @@ def ground(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.uint8]:
     costs = patch.costs
     picture = np.empty((*costs.shape, 3), dtype=np.uint8)
     picture[:] = FREE
-    inflated = (costs > 0) & (costs < INSCRIBED)
+    inflated = (costs > 0) & ~(patch.inscribed | patch.lethal | patch.unknown)
     picture[inflated] = _inflated(costs[inflated])
-    picture[costs == INSCRIBED] = _INSCRIBED
-    picture[costs == LETHAL] = _MARKED
-    picture[costs == UNKNOWN_COST] = UNKNOWN
+    picture[patch.inscribed] = _INSCRIBED
+    picture[patch.lethal] = _MARKED
+    picture[patch.unknown] = UNKNOWN
     # A cell of the patch is one or more cells of the map, and a wall where one of these is.
     k = round(patch.resolution_m / occupancy.resolution_m)
     row, column = np.rint(occupancy.in_cells(np.array([(patch.corner.x_m, patch.corner.y_m)])))[0].astype(int).tolist()
@@ -143,8 +141,8 @@ def _draw_local(axes: Axes, patch: Patch) -> None:
     costs = patch.costs
     picture = np.empty((*costs.shape, 4), dtype=np.uint8)
     picture[..., :3] = _BELIEF
-    forbidden = (costs == LETHAL) | (costs == INSCRIBED)
-    picture[..., 3] = np.select([costs == LETHAL, forbidden], [235, 45], 0)
+    forbidden = patch.lethal | patch.inscribed
+    picture[..., 3] = np.select([patch.lethal, forbidden], [235, 45], 0)
     draw_patch(axes, patch, picture)
     rows, columns = costs.shape
     if forbidden.any() and not forbidden.all():

@@ -22,8 +22,8 @@ from vastflow.sim.model.files import files_below, read_json
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.scenario import Scenario, setup_of
-from vastflow.sim.nav2.parameter_files.parameter_file import file_value, frozen, read_nav2_document
 from vastflow.sim.reading.abstract import abstract_content
+from vastflow.sim.system.system import system_kind
 from vastflow.sim.world.map_file import load_map, map_content
 from vastflow.sim.world.occupancy import OccupancyMap
 
@@ -85,7 +85,7 @@ class KeptFiles:
             with suppress(ValueError):
                 yield map_content(file, self._directory)
             with suppress(ValueError):
-                yield file_value(frozen(read_nav2_document(file), within=self.inputs))
+                yield system_kind().file_content(file, within=self.inputs)
 
 
 def kept_map(directory: Path, environment: str) -> OccupancyMap:

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from vastflow.producers.campaign_file.spec import CampaignSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.system.keys import FILE_KEY
 
 SCHEMAS: Final = (2, 3, 4)
 EXPECTED: Final = (

@@ -10,17 +10,8 @@ from vastflow.sim.model.faults import Complaint, FileError, Got
 from vastflow.sim.model.obstacle import lists_obstacles, obstacle_of
 from vastflow.sim.model.pose import written_pose_of
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.nav2.parameter_files.chosen import (
-    CONTROLLER_KEY,
-    check_key,
-    intended_key,
-    parameters_of,
-    unread,
-    unused_because,
-)
-from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by, missing_mask
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
-from vastflow.sim.nav2.parameter_files.plug_ins import short_names
+from vastflow.sim.system.keys import CONTROLLER_KEY, FILE_KEY
+from vastflow.sim.system.system import system_kind, system_of
 
 LOOPS_KEY = "number_of_loops"
 
@@ -53,9 +44,9 @@ def dimension_of(key: str, value: Value, given: Dimension | None) -> Dimension:
 def unread_keys(system: Mapping[str, Value], varied: Collection[str]) -> tuple[str, ...]:
     """Return the keys of the system dimension that nothing reads, whatever the values of `varied` keys, sorted."""
     found: list[set[str]] = []
-    for each in _contexts(system, varied):
+    for each in _variants(system, varied):
         with suppress(FileError):  # another controller than those varied need not suit the rest
-            found.append(set(unread(each, varied)))
+            found.append(set(system_of(each).unread(varied)))
     return tuple(sorted(set.intersection(*found))) if found else ()
 
 
@@ -63,21 +54,21 @@ def intended(key: str, system: Mapping[str, Value], varied: Collection[str], oth
     """The known key that an unknown one resembles, or None."""
     meant: list[str | None] = []
     with suppress(FileError):
-        meant = [intended_key(each, key, {*others, *DIMENSION_OF_KEY}) for each in _contexts(system, varied)]
+        meant = [system_of(each).intended_key(key, {*others, *DIMENSION_OF_KEY}) for each in _variants(system, varied)]
     return next(filter(None, meant), None)
 
 
 def replaced_by(key: str, system: Mapping[str, Value], varied: Collection[str]) -> str:
     """The reason why other parameters make one ineffective; empty if it is effective."""
     with suppress(FileError):
-        return next(filter(None, (unused_because(each, key) for each in _contexts(system, varied))), "")
+        return next(filter(None, (system_of(each).unused_because(key) for each in _variants(system, varied))), "")
     return ""
 
 
 def combined_complaint(system: Mapping[str, Value]) -> tuple[str, Complaint] | None:
     """Return the first fault of values that are each right on their own, and its key."""
     try:
-        parameters_of(system)
+        system_of(system).check_all()
     except FileError as error:
         first = error.faults[0]
         return first.place.where, (first.problem, first.expected)
@@ -87,10 +78,7 @@ def combined_complaint(system: Mapping[str, Value]) -> tuple[str, Complaint] | N
 def mask_complaints(system: Mapping[str, Value], written: Collection[str]) -> Iterator[tuple[str, Complaint]]:
     """Masks that filters of the system need, and neither a parameter nor a producer gives."""
     with suppress(FileError):  # said already
-        parameters = parameters_of(system)
-        for key in MASK_KEYS:
-            if key not in written and (costmaps := filtered_by(key, parameters)):
-                yield key, missing_mask(key, costmaps)
+        yield from (found for found in system_of(system).missing_masks() if found[0] not in written)
 
 
 def _pose_complaint(value: Value) -> Complaint | None:
@@ -117,10 +105,10 @@ def _parameter_complaint(key: str, value: Value, system: Mapping[str, Value]) ->
     if key == FILE_KEY:
         return Got(shown(value)), f"execution.{FILE_KEY}, the file of all families"
     others = {other: given for other, given in system.items() if other != key}
-    undecided = () if CONTROLLER_KEY in (key, *system) else _contexts(others, (CONTROLLER_KEY,))
+    undecided = () if CONTROLLER_KEY in (key, *system) else _variants(others, (CONTROLLER_KEY,))
     for each in (others, *undecided):
         try:
-            if check_key(each, key, value):
+            if system_of(each).check(key, value):
                 break
         except FileError as error:
             # A bound on a pair of parameters is for the pair: the other may be given too.
@@ -135,8 +123,6 @@ def _parameter_complaint(key: str, value: Value, system: Mapping[str, Value]) ->
     return None
 
 
-def _contexts(system: Mapping[str, Value], varied: Collection[str]) -> list[Mapping[str, Value]]:
-    """The system with each controller, where it is not known which."""
-    if CONTROLLER_KEY not in varied:
-        return [system]
-    return [{**system, CONTROLLER_KEY: name} for name in short_names()]
+def _variants(system: Mapping[str, Value], varied: Collection[str]) -> list[Mapping[str, Value]]:
+    """The system with each software that it may have, where it is not known which."""
+    return system_kind().variants(system, varied)

@@ -23,7 +23,7 @@ from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.model.faults import NOT_EXECUTED, Location, shown
 from vastflow.producers.model.numbers import Count, Number, Seed
 from vastflow.sim.model.faults import Fault, Got, Invalid
-from vastflow.sim.nav2.parameters.robot import NOISE_PLACE, PRESETS, robot_keys
+from vastflow.sim.system.robot import NOISE_PLACE, PRESETS, robot_keys
 from vastflow.sim.world.robot_model import Drive
 
 
@@ -187,7 +187,7 @@ Repetitions: TypeAlias = Annotated[
 ]
 
 Quantity: TypeAlias = Annotated[Any, WithJsonSchema({"type": ["number", "null"]})]
-"""A quantity of a robot; `vastflow.sim.nav2.parameters.robot` reads and checks it."""
+"""A quantity of a robot; `vastflow.sim.system.robot` reads and checks it."""
 Flag: TypeAlias = Annotated[Any, WithJsonSchema({"type": ["boolean", "null"]})]
 
 

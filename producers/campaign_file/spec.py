@@ -28,7 +28,7 @@ from vastflow.producers.model.producer import find_producer, known_producers
 from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.names import nearest
 from vastflow.sim.model.scenario import Dimension
-from vastflow.sim.nav2.parameter_files.releases import Release
+from vastflow.sim.system.keys import Release
 
 DEFAULT_TIMEOUT_S: Final = 360.0
 """Simulated time after which a run ends where the file says nothing: the timeout of the paper's scenario file."""

@@ -21,8 +21,8 @@ from vastflow.sim.model.digest import Value, digest
 from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.obstacle import lists_obstacles
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.nav2.parameter_files.interpretation import noise_value
-from vastflow.sim.nav2.parameters.robot import NOISE_MODEL_KEY
+from vastflow.sim.system.robot import NOISE_MODEL_KEY
+from vastflow.sim.world.noise_registry import noise_value
 
 ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]
 ParameterKind: TypeAlias = Literal["int", "integer", "float", "double", "number", "bool", "boolean", "str", "string"]

@@ -37,23 +37,22 @@ from vastflow.producers.model.producer import (
     may_list_obstacles,
 )
 from vastflow.producers.places.ground import MAP_FILE_KEYS, MapSearch
-from vastflow.producers.places.start_check import is_of_footprint, pose_complaints, room_m, stops_of
+from vastflow.producers.places.start_check import pose_complaints, room_m, stops_of
 from vastflow.producers.places.stops import GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Complaint, Fault, FileError, Got, Place, Problem
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
-from vastflow.sim.nav2.parameter_files.chosen import FOOTPRINT_NAMES, file_of, parameters_of
-from vastflow.sim.nav2.parameter_files.findings import findings
-from vastflow.sim.nav2.parameter_files.interpretation import noise_value
-from vastflow.sim.nav2.parameters.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.reading.abstract import hall_file
-from vastflow.sim.reading.robot import robot_facts, robot_of, robot_summary, robot_words
 from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.system.facts import robot_words
+from vastflow.sim.system.keys import FOOTPRINT_NAMES, is_of_footprint
+from vastflow.sim.system.robot import NOISE_MODEL_KEY, ROBOT_KEY
+from vastflow.sim.system.system import system_of
 from vastflow.sim.world.map_file import MissingMap, free_unknown_cells, read_map
+from vastflow.sim.world.noise_registry import noise_value
 
 OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")
 
@@ -187,8 +186,8 @@ class FamilyReader:
         radius_m = 0.0
         if not any(is_of_footprint(key) for producer in drawn for key in producer.writes):
             with suppress(FileError):  # said already
-                parameters = parameters_of(system)
-                radius_m = min(inscribed_radius_of(parameters), robot_of(parameters).radius_m)
+                driven = system_of(system)
+                radius_m = min(driven.inscribed_radius_m, driven.robot.radius_m)
         for name, what, right in pose_complaints(read_map(map_file), stops, radius_m) if stops else ():
             key, _, index = name.rstrip("]").partition("[")
             where = (*flow.fixed[key], *([int(index)] if index else []))
@@ -435,16 +434,10 @@ def _lines(family: Family) -> Iterator[str]:
     names = [k for k in written if k.startswith(f"{ROBOT_KEY}.") or k.rpartition(".")[2] in FOOTPRINT_NAMES]
     varied = [f"varied: {', '.join(names)}"] if names else []
     try:
-        parameters = parameters_of(system)
-        facts = robot_facts(parameters)
-        read = "parameters of Nav2 Jazzy's default file"
-        if file := file_of(system):
-            name = Path(file.document.file).name + (" and the campaign" * (robot_facts(file.parameters) != facts))
-            count = sum(each.status == "modeled" for each in findings(file))
-            read = f"{count} parameter{'' if count == 1 else 's'} from {name}"
-        yield "; ".join([robot_summary(facts, read), *varied])
-        yield from robot_words(facts)
-        inner_m, outer_m = inscribed_radius_of(parameters), robot_of(parameters).radius_m
+        driven = system_of(system)
+        yield "; ".join([driven.whose, *varied])
+        yield from robot_words(driven.facts)
+        inner_m, outer_m = driven.inscribed_radius_m, driven.robot.radius_m
         own = f"performance takes {inner_m:.3g} m (inscribed), safety {outer_m:.3g} m (circumscribed)"
         yield f"oracles without a radius of their own: {own}"
     except FileError:  # with what producers write it may be right, and the run says where it isn't

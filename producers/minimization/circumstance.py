@@ -18,10 +18,9 @@ from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.obstacle import TRIGGER_POINT_KEY, TRIGGER_THRESHOLD_KEY, obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import Dimension
-from vastflow.sim.nav2.parameter_files.chosen import COVARIANCE_KEY, OWN_KEYS, default_document, local_outline, targets
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
-from vastflow.sim.nav2.parameters.robot import ROBOT_KEY
 from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY
+from vastflow.sim.system.keys import FILE_KEY
+from vastflow.sim.system.system import system_of
 
 LEVELS: Final = 8
 """Parts into which the distance of a value from its default is divided."""
@@ -129,12 +128,7 @@ def _default(key: str, value: Value) -> float | None:
     """The number that a parameter has where nothing is given; None where it or the value is no number."""
     if isinstance(value, bool) or not isinstance(value, int | float) or key == FILE_KEY:
         return None
-    if key in OWN_KEYS:
-        return None if key.startswith(ROBOT_KEY) or key == COVARIANCE_KEY else 0.0
-    known = default_document().values
-    found = {known[path] for path in targets(known, key) if isinstance(known.get(path), int | float)}
-    number = found.pop() if len(found) == 1 else None
-    return float(number) if isinstance(number, int | float) and not isinstance(number, bool) else None
+    return system_of({}).usual(key)
 
 
 def _bring_nearer(values: dict[str, Any], circumstance: Circumstance, share: float) -> None:
@@ -214,7 +208,8 @@ def _ground(values: dict[str, Any]) -> Ground | None:
     if not isinstance(content, FileContent):
         return None
     try:
-        outline = local_outline({key: value for key, value in values.items() if not isinstance(value, list | dict)})
+        plain = {key: value for key, value in values.items() if not isinstance(value, list | dict)}
+        outline = system_of(plain).start_outline
     except FileError:  # the run says what is wrong with it
         return None
     return ground_of(content, round(2 * float(np.hypot(*outline.T).max()), 3))

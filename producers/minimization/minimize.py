@@ -19,7 +19,7 @@ from vastflow.producers.places.stops import GOAL_KEY
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Complaint, UserError, message_of
 from vastflow.sim.model.scenario import Scenario, scenario_of
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.system.keys import FILE_KEY
 
 Standing: TypeAlias = Literal["fails", "does not fail", "undecided", "not tried"]
 """`not tried`: it can't be built, or its runs broke."""

@@ -21,8 +21,8 @@ from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.system.keys import MASK_KEYS
 from vastflow.sim.world.map_file import MissingMap, map_content, read_map
 from vastflow.sim.world.occupancy import OccupancyMap
 

@@ -18,13 +18,13 @@ from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, canonical
 from vastflow.sim.model.faults import FileError, Got, Problem
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of
+from vastflow.sim.model.polygon import circumscribed_radius_m
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY
-from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
-from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, FOOTPRINT_NAMES, local_outline
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
-from vastflow.sim.nav2.parameters.robot import ROBOT_KEY
 from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.system.keys import is_of_footprint
+from vastflow.sim.system.robot import ROBOT_KEY
+from vastflow.sim.system.system import system_of
 from vastflow.sim.world.map_file import read_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
@@ -127,7 +127,7 @@ def room_m(values: Mapping[str, Value], producers: Iterable[Producer[Any]]) -> f
 
 def _outline(system: Mapping[str, Value]) -> NDArray[np.float64] | None:
     try:
-        return local_outline(system)
+        return system_of(system).start_outline
     except FileError:  # the run says what is wrong with it
         return None
 
@@ -138,10 +138,6 @@ def _size(value: Value) -> float:
         return float(value) if isinstance(value, int | float | str) else -math.inf
     except ValueError:
         return -math.inf
-
-
-def is_of_footprint(key: str) -> bool:
-    return key in (FILE_KEY, CONTROLLER_KEY) or key.rpartition(".")[2] in FOOTPRINT_NAMES
 
 
 def stops_of(partial: Partial) -> Iterator[tuple[str, Pose]]:

@@ -81,3 +81,8 @@ def points_of(text: str) -> list[tuple[float, float]]:
 def as_array(vertices: Vertices) -> NDArray[np.float64]:
     """Return vertices as an array (N, 2)."""
     return np.array(vertices, dtype=np.float64).reshape(-1, 2)
+
+
+def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:
+    """Radius of the smallest circle round the center that holds the outline (0.234142 m for 0.22 and 0.01 m)."""
+    return float(np.max(np.hypot(outline[:, 0], outline[:, 1])))

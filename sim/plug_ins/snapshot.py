@@ -4,7 +4,7 @@ import hashlib
 import os
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Final
 
 import platformdirs
 
-from vastflow.sim.model.digest import FileContent, digest
+from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.sim.model.files import keep_folder
 from vastflow.sim.plug_ins.neighbors import MOST_BYTES, Hidden, PlugInError, neighbors_of
 
@@ -147,3 +147,13 @@ def _kept(name: str, contents: Mapping[str, bytes]) -> Path:
         what = f"copies of a plug-in can't be written below {str(root)!r} ({error.strerror})"
         raise PlugInError(what, "set XDG_CACHE_HOME to a folder of yours") from None
     return folder
+
+
+def plug_ins_in(values: Value) -> tuple[PlugInFile, ...]:
+    """The files with plug-ins among values, once each."""
+    if isinstance(values, PlugInFile):
+        return (values,)
+    if isinstance(values, str | FileContent) or not isinstance(values, Mapping | Sequence):
+        return ()
+    items = values.values() if isinstance(values, Mapping) else values
+    return tuple(dict.fromkeys(each for item in items for each in plug_ins_in(item)))

@@ -14,15 +14,16 @@ from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.costmaps import NO_MASKS, Masks, masks_of
-from vastflow.sim.nav2.parameters.robot import RobotParameters
+from vastflow.sim.nav2.parameter_files.costmaps import masks_of
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.nav2.system.robot import lidar_of, robot_of
 from vastflow.sim.plug_ins.loading import code_value
 from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of, plain_value
-from vastflow.sim.reading.robot import lidar_of, robot_of
 from vastflow.sim.reading.script import NAVIGATIONS, Script, calls_of, script_of
 from vastflow.sim.reading.vocabulary import WORLDLY
 from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY, difference_of
+from vastflow.sim.system.robot import RobotParameters
+from vastflow.sim.system.system import NO_MASKS, Masks
 from vastflow.sim.world.difference import WorldDifference
 from vastflow.sim.world.robot_model import Lidar, Robot
 

@@ -63,3 +63,9 @@ class Lidar:
         """Return unit vectors (beams, 2) of the beams in the robot's frame."""
         bearings_rad = self.mount_xyt[2] + self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams)
         return np.column_stack([np.cos(bearings_rad), np.sin(bearings_rad)])
+
+
+TURTLEBOT_4: Final = Robot()
+TURTLEBOT_4_LIDAR: Final = Lidar()
+TURTLEBOT_4_RADIUS_M: Final = 0.22
+"""`robot_radius` of Nav2's default file: larger than the TurtleBot 4 that it is for."""

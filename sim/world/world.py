@@ -17,7 +17,7 @@ one configuration."""
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """What exists where a robot drives.
+    """A world that a robot drives in.
 
     Attributes:
         map: What the robot knows of it.

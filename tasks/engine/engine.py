@@ -13,9 +13,9 @@ from typing import Any, Final, Generic, Protocol, TypeAlias, TypeVar
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import FileError
-from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, parameters_of
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
-from vastflow.sim.nav2.parameters.robot import NAMESPACE_KEY
+from vastflow.sim.system.keys import CONTROLLER_KEY, FILE_KEY
+from vastflow.sim.system.robot import NAMESPACE_KEY
+from vastflow.sim.system.system import system_of
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import PackedProducer
 from vastflow.tasks.engine.executor import ClusterError, Executor, PoolClosed, Priority, Shared, WorkerDied
@@ -30,11 +30,11 @@ from vastflow.tasks.store.store import Artifact, StoreError
 
 def controllers_in(systems: Iterable[Mapping[str, Value]]) -> list[dict[str, Value]]:
     """Return the part of system dimensions that chooses a controller, once for each controller that can be read."""
-    found: dict[type, dict[str, Value]] = {}
+    found: dict[str, dict[str, Value]] = {}
     for system in systems:
         choice = {key: system[key] for key in (FILE_KEY, NAMESPACE_KEY, CONTROLLER_KEY) if key in system}
         try:
-            found.setdefault(type(parameters_of(choice).controller), choice)
+            found.setdefault(system_of(choice).software, choice)
         except FileError:
             continue
     return list(found.values())

@@ -22,8 +22,11 @@ EXECUTE_SOURCE: Final = (
     "vastflow.sim.nav2.planners.*",
     "vastflow.sim.world.*",
 )
-OBSERVE_SOURCE: Final = ("vastflow.oracles.observation.observe",)
-JUDGE_SOURCE: Final = ("vastflow.oracles.judgement.judge",)
+_RADII: Final = "vastflow.sim.nav2.costmaps.outline"
+"""Loaded by an entry point, which no import names: traces and verdicts follow from the robot's radii."""
+
+OBSERVE_SOURCE: Final = ("vastflow.oracles.observation.observe", _RADII)
+JUDGE_SOURCE: Final = ("vastflow.oracles.judgement.judge", _RADII)
 EVALUATE_SOURCE: Final = ("vastflow.producers.model.producer",)
 
 _TOGETHER_DIGITS: Final = 32

@@ -9,7 +9,7 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.reading.robot import lidar_of, robot_of
+from vastflow.sim.nav2.system.robot import lidar_of, robot_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Robot
 

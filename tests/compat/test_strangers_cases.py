@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from vastflow.flows.cli.__main__ import app
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
-from vastflow.sim.reading.robot import robot_of
+from vastflow.sim.nav2.system.robot import robot_of
 from vastflow.sim.world.map_file import load_map
 
 CASES = SHARED / "cases"

@@ -10,7 +10,7 @@ from vastflow.flows.results.provenance import (
     origin_differences,
 )
 from vastflow.producers.campaign_file.document import read_document
-from vastflow.producers.campaign_file.nav2_parameters import nav2_params_of
+from vastflow.producers.campaign_file.system_file import system_file_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 
 SHIM = "nav2_rotation_shim_controller::RotationShimController"
@@ -67,7 +67,7 @@ def test_campaign_with_a_file_has_its_defaults(tmp_path):
     rows = []
     for text in ("{nav2_params: nav2.yaml}", "{nav2_params: full.yaml}", ""):
         (tmp_path / "a.vast").write_text(f"execution: {text}")
-        rows.append(nav2_params_of(read_document(tmp_path / "a.vast"), tmp_path).defaults)
+        rows.append(system_file_of(read_document(tmp_path / "a.vast"), tmp_path).defaults)
     assert rows[0][ANGLE] == {"value": 0.3925, "since": "0.2"}
     assert ANGLE not in rows[1]
     assert rows[2] is None

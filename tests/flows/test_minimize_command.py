@@ -19,9 +19,10 @@ from vastflow.flows.minimization.minimize import minimize_configuration
 from vastflow.flows.run.computing import Computing
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate, NotBuilt
-from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, nav2_file
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.nav2.system.spelled_out import assumed_keys, spelled_out
+from vastflow.sim.system.keys import FILE_KEY
 from vastflow.sim.world.map_file import map_content
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"

@@ -9,8 +9,8 @@ from vastflow.producers.campaign_file.sections import LatencySpec, LidarSpec, Od
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameters.robot import NOISE_MODEL_KEY, PRESETS, robot_keys
-from vastflow.sim.reading.robot import lidar_of, robot_of
+from vastflow.sim.nav2.system.robot import lidar_of, robot_of
+from vastflow.sim.system.robot import NOISE_MODEL_KEY, PRESETS, robot_keys
 
 
 @pytest.fixture

@@ -12,8 +12,9 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.places.ground import ground_of
 from vastflow.producers.places.start_check import room_m
+from vastflow.sim.model.polygon import circumscribed_radius_m
 from vastflow.sim.model.pose import pose_of
-from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, padded_outline
+from vastflow.sim.nav2.costmaps.outline import padded_outline
 
 WALLED = ["#" * 10, *["#" + "." * 8 + "#"] * 6, "#" * 10]
 """A room of 8 m x 6 m between walls, from (0, -1) to (8, 5) with cells of 1 m, drawn in cells of 0.05 m."""

@@ -12,7 +12,7 @@ from typing import Final
 import pandas as pd
 from missions import parser_of, runs_of, sections_of, situations, written
 
-from vastflow.sim.nav2.parameters.robot import PRESETS
+from vastflow.sim.system.robot import PRESETS
 
 CAMPAIGN: Final = Path(__file__).parents[2] / "campaigns" / "latency" / "presets.vast"
 PRESET: Final = "robot.latency.preset"

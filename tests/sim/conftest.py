@@ -18,8 +18,8 @@ from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.scenario import Mission, Scenario, scenario_of
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.nav2.system.robot import robot_of
 from vastflow.sim.reading.abstract import abstract_content
-from vastflow.sim.reading.robot import robot_of
 from vastflow.sim.world.map_file import map_content
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar

@@ -2,7 +2,6 @@
 
 from table import each_row
 
-from vastflow.producers.campaign_file.nav2_parameters import notes_of
 from vastflow.sim.model.parameter import source_of
 from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import dotted, parse
@@ -15,6 +14,7 @@ from vastflow.sim.nav2.parameters.mppi import MppiParameters
 from vastflow.sim.nav2.parameters.rpp import RppParameters
 from vastflow.sim.nav2.parameters.servers import RotationShim
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.nav2.system.file import notes_of
 
 RPP = "{plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}"
 CONTROLLER = f"controller_server: {{ros__parameters: {{controller_plugins: [FollowPath], FollowPath: {RPP}}}}}\n"

@@ -16,8 +16,9 @@ from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import OMNI_COLUMNS, SUBSTEPS
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
-from vastflow.sim.reading.robot import robot_facts, robot_of, robot_words
+from vastflow.sim.nav2.system.robot import robot_facts, robot_of
 from vastflow.sim.run import run
+from vastflow.sim.system.facts import robot_words
 from vastflow.sim.world.motion import arc, moved
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import Physics, WallIndex

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
+from vastflow.sim.model.polygon import circumscribed_radius_m
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.nav2.costmaps.window import Window, outline_hits
 
 OUTLINE = padded_outline(0.22, 0.01)

@@ -28,7 +28,7 @@ from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameters.servers import RotationShim, SmacPlanner2D, SmacPlannerHybrid
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.reading.robot import robot_of
+from vastflow.sim.nav2.system.robot import robot_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.world import World

@@ -7,7 +7,7 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign_file.document import read_document as read_campaign
-from vastflow.producers.campaign_file.nav2_parameters import nav2_params_of
+from vastflow.producers.campaign_file.system_file import system_file_of
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import parse
@@ -204,8 +204,8 @@ def test_parameter_of_a_newer_release_differs(text, name, used):
 def test_campaigns_release_says_what_differs(tmp_path, release, others):
     (tmp_path / "nav2.yaml").write_text(server(f"{GOALS}, {GOAL}}}, {MPPI}}}"))
     (file := tmp_path / "a.vast").write_text(f"execution: {{nav2_params: nav2.yaml, nav2_release: {release}}}")
-    found = nav2_params_of(read_campaign(file), tmp_path)
-    assert found.system["nav2_release"] == release
+    found = system_file_of(read_campaign(file), tmp_path)
+    assert found.values["nav2_release"] == release
     said = [str(note.problem).partition(" ")[2] for note in found.notes if str(note.problem).startswith("since ")]
     assert {start for start in others if any(start in words for words in said)} == others
     assert len(said) == len(others)
@@ -227,13 +227,13 @@ def test_campaigns_release_says_what_differs(tmp_path, release, others):
 def test_guessed_release_is_noted(tmp_path, text, own, notes):
     (tmp_path / "nav2.yaml").write_text(text)
     (file := tmp_path / "a.vast").write_text(f"execution: {{nav2_params: nav2.yaml{own}}}")
-    found = nav2_params_of(read_campaign(file), tmp_path).notes
+    found = system_file_of(read_campaign(file), tmp_path).notes
     assert [note.problem for note in found if "the first with" in note.problem] == notes
 
 
 def test_release_without_a_file_is_an_error(tmp_path):
     (file := tmp_path / "a.vast").write_text("execution: {nav2_release: kilted}")
-    (fault,) = nav2_params_of(read_campaign(file), tmp_path).faults
+    (fault,) = system_file_of(read_campaign(file), tmp_path).faults
     assert "Add nav2_params" in str(fault)
 
 

@@ -12,7 +12,7 @@ from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.reading.robot import robot_facts, robot_of
+from vastflow.sim.nav2.system.robot import robot_facts, robot_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.world import World

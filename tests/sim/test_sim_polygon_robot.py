@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.model.polygon import vertices_of
-from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
+from vastflow.sim.model.polygon import circumscribed_radius_m, vertices_of
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.navigator.collision_monitor import _in_outline
 from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.servers import VelocitySmoother
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.reading.robot import robot_of
+from vastflow.sim.nav2.system.robot import robot_of
 
 RECTANGLE = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
 NOTCHED = "[[0.4, 0.3], [0.4, -0.3], [-0.4, -0.3], [-0.4, 0.3], [0.1, 0.1]]"

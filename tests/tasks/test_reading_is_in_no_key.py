@@ -14,10 +14,11 @@ from table import each_row
 
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, nav2_file
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.reading import checked
 from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.reading.checked import checked_digest
+from vastflow.sim.system.keys import FILE_KEY
 from vastflow.tasks.keys.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
 from vastflow.tasks.keys.source import PACKAGES, READING, SourceTree, installed_tree
 
@@ -26,15 +27,14 @@ POSES = {"start_pose": {"x": 1.0, "y": 1.5}, "goal_pose": {"x": 2.0, "y": 1.5}}
 STAGES = {"execute": EXECUTE_SOURCE, "observe": OBSERVE_SOURCE, "judge": JUDGE_SOURCE, "evaluate": EVALUATE_SOURCE}
 
 RESULTS_OF_READING = {
-    "vastflow.sim.nav2.parameter_files.chosen.drawn_parameters",
-    "vastflow.sim.nav2.parameter_files.chosen.parameters_of",
-    "vastflow.sim.nav2.parameter_files.interpretation.noise_value",
     "vastflow.sim.reading.checked.checked_of",
     "vastflow.sim.world.map_file.load_map",
     "vastflow.sim.world.map_file.map_content",
-    "vastflow.sim.reading.robot.robot_of",
     "vastflow.sim.reading.script.script_of",
     "vastflow.sim.reading.world.difference_of",
+    "vastflow.sim.reading.world.world_of",
+    "vastflow.sim.system.system.system_of",
+    "vastflow.sim.world.noise_registry.noise_value",
 }
 """What stages call to read what keys have the value of."""
 

@@ -46,11 +46,6 @@ def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
     return float(min(to_vertices_m.min(), np.min(to_lines_m[(shares >= 0.0) & (shares <= 1.0)], initial=np.inf)))
 
 
-def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:
-    """Radius of the smallest circle round the center that holds the outline (0.234142 m for 0.22 and 0.01 m)."""
-    return float(np.max(np.hypot(outline[:, 0], outline[:, 1])))
-
-
 def inscribed_radius_of(parameters: NavParameters) -> float:
     """Radius (m) of the largest disc inside of the robot: that of `robot`, else of the local footprint."""
     given, costmap = parameters.robot, parameters.local_costmap

@@ -10,7 +10,7 @@ from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.kernels.streams import LATENCY, uniform
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.nav2.navigator.state import ODOMETRY_STEPS, SUBSTEPS
-from vastflow.sim.nav2.parameters.robot import OLDEST_S, PHYSICS_HZ
+from vastflow.sim.system.robot import OLDEST_S, PHYSICS_HZ
 
 STEP_S: Final = TICK_S / SUBSTEPS
 

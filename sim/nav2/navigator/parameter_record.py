@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.record import record_dtype, record_row
-from vastflow.sim.model.polygon import MOST_VERTICES
+from vastflow.sim.model.polygon import MOST_VERTICES, circumscribed_radius_m
 from vastflow.sim.model.rates import ticks_of
 from vastflow.sim.nav2.controllers.controller import PlanCut
-from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.navigator.collision_monitor import ZONE, zone_rows, zones_reach_m
 from vastflow.sim.nav2.navigator.prepared import PreparedMap
-from vastflow.sim.nav2.parameters.robot import IDEAL, OdometryDrift
 from vastflow.sim.nav2.parameters.servers import MOST_ZONES
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.system.robot import IDEAL, OdometryDrift
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 

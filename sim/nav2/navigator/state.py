@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vastflow.sim.kernels.binding import Bound, Running
 from vastflow.sim.kernels.streams import CONTROLLER, LIDAR, SUBSYSTEMS
 from vastflow.sim.model.parameter import ParameterGroup
-from vastflow.sim.model.polygon import MOST_VERTICES
+from vastflow.sim.model.polygon import MOST_VERTICES, circumscribed_radius_m
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S, ticks_of
 from vastflow.sim.model.scenario import Mission
@@ -25,7 +25,7 @@ from vastflow.sim.nav2.controllers.rpp import Rpp
 from vastflow.sim.nav2.controllers.speed_zones import SpeedZones, speed_zones
 from vastflow.sim.nav2.costmaps.filters import Mask
 from vastflow.sim.nav2.costmaps.inflation import LETHAL, cost_at_distance
-from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.navigator.parameter_record import parameter_record
 from vastflow.sim.nav2.navigator.prepared import PreparedMap

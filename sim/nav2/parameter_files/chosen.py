@@ -20,19 +20,28 @@ from vastflow.sim.model.parameter import ParameterLocation, complaint
 from vastflow.sim.model.polygon import as_array, vertices_of
 from vastflow.sim.nav2.costmaps.outline import outline_of, padded_outline
 from vastflow.sim.nav2.parameter_files.controller_server import primary_controller, written_controller
-from vastflow.sim.nav2.parameter_files.costmaps import KEEPOUT_KEY, LAUNCH_WORDS, MASK_KEYS, SPEED_KEY, filtered_by
+from vastflow.sim.nav2.parameter_files.costmaps import LAUNCH_WORDS, filtered_by
 from vastflow.sim.nav2.parameter_files.document import EXPONENT, PARAMETERS, ParameterDocument, dotted
 from vastflow.sim.nav2.parameter_files.findings import nav2_names
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, document_of, interpretation
 from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, class_name
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, loaded
+from vastflow.sim.nav2.parameter_files.parameter_file import loaded
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, short_names
 from vastflow.sim.nav2.parameter_files.reader import plug_in_name, shown
-from vastflow.sim.nav2.parameter_files.releases import RELEASE, RELEASE_KEY
+from vastflow.sim.nav2.parameter_files.releases import RELEASE
 from vastflow.sim.nav2.parameter_files.robots import of_robot
-from vastflow.sim.nav2.parameters.robot import NAMESPACE_KEY, NOISE_PLACE, robot_keys
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.plug_ins.registry import FILE
+from vastflow.sim.system.keys import (
+    CONTROLLER_KEY,
+    COVARIANCE_KEY,
+    FILE_KEY,
+    KEEPOUT_KEY,
+    MASK_KEYS,
+    RELEASE_KEY,
+    SPEED_KEY,
+)
+from vastflow.sim.system.robot import NAMESPACE_KEY, NOISE_PLACE, robot_keys
 from vastflow.sim.world.noise_registry import GaussianDropoutParameters
 
 WHOLE: Final = re.compile(r"[-+]?\d+")
@@ -104,8 +113,6 @@ def converted(value: Value) -> Value:
     return float(text) if POINTED.fullmatch(text) or EXPONENT.fullmatch(text) else value
 
 
-CONTROLLER_KEY: Final = "controller"
-COVARIANCE_KEY: Final = "initial_pose_covariance"
 OWN_KEYS: Final[Mapping[str, tuple[ParameterLocation, ...]]] = {
     **{
         key: ((*NOISE_PLACE, name),)
@@ -364,16 +371,11 @@ def _named(fault: Fault, touched: Mapping[str, tuple[ParameterLocation, ...]]) -
     return replace(fault, place=Place("", 0, 0, max(by, key=lambda key: key.count("."))))
 
 
-FOOTPRINT_NAMES: Final = frozenset({"footprint", "robot_radius", "footprint_padding", "radius", "polygon", "namespace"})
-"""Last names of the keys that it can follow from."""
-
-
-def local_outline(system: Mapping[str, Value]) -> NDArray[np.float64]:
+def local_outline(parameters: NavParameters) -> NDArray[np.float64]:
     """Vertices (V, 2), in the robot's frame, of the area that must be free at the start.
 
     They are those of the padded footprint, and those of the body that the section `robot` gives.
     """
-    parameters = parameters_of(system)
     outline, given = outline_of(parameters.local_costmap), parameters.robot
     if given.radius is not None:
         return np.vstack([outline, padded_outline(given.radius, 0.0)])

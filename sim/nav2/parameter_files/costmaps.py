@@ -1,7 +1,7 @@
 """Reading costmap nodes: layers in the order of the file, filters with their masks, and the laser scan."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Complaint, Got, ScenarioError, message_of
@@ -14,11 +14,8 @@ from vastflow.sim.nav2.parameter_files.nodes import FILTERS, LAYERS, LAYERS_AND_
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, is_group, written, written_plugins
 from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, SpeedFilter, global_costmap, local_costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
-
-KEEPOUT_KEY: Final = "keepout_mask"
-SPEED_KEY: Final = "speed_mask"
-MASK_KEYS: Final = (KEEPOUT_KEY, SPEED_KEY)
-"""Keys of the system dimension that name masks, as Nav2's launch files do. A mask is told to the stack, and is nowhere in the world."""
+from vastflow.sim.system.keys import KEEPOUT_KEY, MASK_KEYS, SPEED_KEY
+from vastflow.sim.system.system import Masks
 
 LAUNCH_WORDS: Final[Mapping[Value, str]] = {"KEEPOUT_ZONE_ENABLED": KEEPOUT_KEY, "SPEED_ZONE_ENABLED": SPEED_KEY}
 """Words that Nav2's launch files since Kilted replace in parameter files, to the mask without which a filter is off."""
@@ -369,16 +366,6 @@ def written_costmap(name: str, costmap: Costmap) -> Values:
         values |= written_plugins(node, FILTERS, {field: group}, {key: (*info, key) for key in _INFO})
         values |= {(*node, FILTERS.lists[0]): [*filters], (*node, field, TOPIC): topic, (*info, TOPIC): topic}
     return values
-
-
-class Masks(NamedTuple):
-    """The masks of the filters that are enabled; None without such a filter."""
-
-    keepout: FileContent | None = None
-    speed: FileContent | None = None
-
-
-NO_MASKS: Final = Masks()
 
 
 def masks_of(system: Mapping[str, Value], parameters: NavParameters) -> Masks:

@@ -1,14 +1,12 @@
 """Interpretation: the stack's parameters from a Nav2 parameter document, and the reverse."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Fault, FileError, Got, Place
-from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.model.polygon import area_of, vertices_of
 from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER, smoother_between, unheard_listeners
@@ -24,23 +22,11 @@ from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocu
 from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name, short_class
 from vastflow.sim.nav2.parameter_files.plug_ins import PLANNER_PLUG_INS
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, shown, written
-from vastflow.sim.nav2.parameter_files.releases import RELEASE, RELEASES, release_of
+from vastflow.sim.nav2.parameter_files.releases import RELEASE, release_of
 from vastflow.sim.nav2.parameter_files.robots import NAMESPACE, namespace_text, of_robot
 from vastflow.sim.nav2.parameters.costmap import local_costmap
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
-from vastflow.sim.nav2.parameters.robot import (
-    IDEAL,
-    LATENCY_KEY,
-    NOISE_PLACE,
-    ODOMETRY_KEY,
-    PRESET_KEY,
-    PRESETS,
-    ROBOT_KEY,
-    Latency,
-    OdometryDrift,
-    RobotParameters,
-)
 from vastflow.sim.nav2.parameters.servers import (
     MOST_ZONES,
     CollisionMonitor,
@@ -53,8 +39,21 @@ from vastflow.sim.nav2.parameters.servers import (
 )
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.registry import FILE, plug_in_file
+from vastflow.sim.plug_ins.registry import FILE
 from vastflow.sim.plug_ins.snapshot import PlugInFile, snapshot_of
+from vastflow.sim.system.keys import RELEASES
+from vastflow.sim.system.robot import (
+    IDEAL,
+    LATENCY_KEY,
+    NOISE_PLACE,
+    ODOMETRY_KEY,
+    PRESET_KEY,
+    PRESETS,
+    ROBOT_KEY,
+    Latency,
+    OdometryDrift,
+    RobotParameters,
+)
 from vastflow.sim.world.noise_registry import GAUSSIAN_DROPOUT, NOISE_PLUG_INS, GaussianDropoutParameters
 
 _NODES_BEFORE_FOXY: Final[Mapping[str, str]] = {
@@ -219,18 +218,6 @@ def _check_turning_radius(reader: Reader, parts: Parts) -> None:
     if not modeled and not isinstance(parts.get("planner"), SmacPlannerHybrid):
         what = "neither a motion model Ackermann nor a SmacPlannerHybrid says how tight an ackermann drive turns"
         reader.fault((ROBOT_KEY, "drive"), what, "add min_turning_radius")
-
-
-def noise_value(name: Value, base: Path) -> Value:
-    """Return the value of a model's name: of `file.py:Class` below `base` the file and the class.
-
-    What names no file that can be copied stays as it is, and is a fault of the scenario.
-    """
-    if isinstance(name, str) and FILE in name and is_file(file := plug_in_file(name, base)):
-        with suppress(PlugInError):
-            snapshot = snapshot_of(file, base)
-            return [PlugInFile(str(file), snapshot.digest, {name: snapshot}), name.rpartition(":")[2]]
-    return name
 
 
 def noise_of(chosen: Value) -> type[ParameterGroup]:

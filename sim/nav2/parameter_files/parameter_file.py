@@ -2,7 +2,7 @@
 
 import functools
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +29,7 @@ from vastflow.sim.nav2.parameter_files.robots import robots_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import FILE, plug_in_file
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot, snapshot_of
+from vastflow.sim.system.keys import FILE_KEY
 
 _SOME_NAMESPACE: Final = ""
 """A node without a namespace in the file may be started in one, whose name no file says."""
@@ -92,10 +93,6 @@ def _matches(pattern: ParameterLocation, name: ParameterLocation) -> bool:
     return bool(name) and pattern[0] in (ANY, name[0]) and _matches(pattern[1:], name[1:])
 
 
-FILE_KEY: Final = "nav2_params"
-"""Key of the system dimension that has the file."""
-
-
 def nav2_file(path: str | Path) -> FileContent:
     """A Nav2 parameter file as the value of `nav2_params`.
 
@@ -141,16 +138,6 @@ def file_value(document: ParameterDocument) -> FileContent:
         if document.plug_ins
         else FileContent(document.file, digest)
     )
-
-
-def plug_ins_in(values: Value) -> tuple[PlugInFile, ...]:
-    """The files with plug-ins among values, once each."""
-    if isinstance(values, PlugInFile):
-        return (values,)
-    if isinstance(values, str | FileContent) or not isinstance(values, Mapping | Sequence):
-        return ()
-    items = values.values() if isinstance(values, Mapping) else values
-    return tuple(dict.fromkeys(each for item in items for each in plug_ins_in(item)))
 
 
 @functools.lru_cache(maxsize=16)

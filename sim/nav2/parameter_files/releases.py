@@ -3,19 +3,14 @@
 import functools
 from collections.abc import Collection, Iterator, Mapping
 from importlib.resources import files
-from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, Final, NamedTuple
 
 from vastflow.sim.model.files import yaml_value
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, node_of
 from vastflow.sim.nav2.parameter_files.nodes import NODES
 from vastflow.sim.nav2.parameter_files.trees import NAVIGATOR
-
-Release: TypeAlias = Literal["jazzy", "kilted", "lyrical"]
-RELEASES: Final[tuple[Release, ...]] = get_args(Release)
-
-RELEASE_KEY: Final = "nav2_release"
-"""Key of the system dimension that says the release of a file."""
+from vastflow.sim.system.keys import RELEASE_KEY, RELEASES, Release
 
 RELEASE: Final[ParameterLocation] = (RELEASE_KEY,)
 

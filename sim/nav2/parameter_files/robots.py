@@ -8,7 +8,7 @@ from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files.document import ParameterDocument, is_wild
 from vastflow.sim.nav2.parameter_files.nodes import NODES
-from vastflow.sim.nav2.parameters.robot import NAMESPACE_KEY
+from vastflow.sim.system.robot import NAMESPACE_KEY
 
 NAMESPACE: Final[ParameterLocation] = tuple(NAMESPACE_KEY.split("."))
 

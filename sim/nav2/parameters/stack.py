@@ -6,7 +6,6 @@ from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.nav2.parameters.amcl import AmclParameters
 from vastflow.sim.nav2.parameters.costmap import Costmap, global_costmap, local_costmap
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
-from vastflow.sim.nav2.parameters.robot import Latency, OdometryDrift, RobotParameters
 from vastflow.sim.nav2.parameters.servers import (
     BehaviorServer,
     CollisionMonitor,
@@ -20,6 +19,7 @@ from vastflow.sim.nav2.parameters.servers import (
     VelocitySmoother,
     WaypointFollower,
 )
+from vastflow.sim.system.robot import Latency, OdometryDrift, RobotParameters
 from vastflow.sim.world.noise_registry import GaussianDropoutParameters
 
 

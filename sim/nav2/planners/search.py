@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.kernels.record import record_of
-from vastflow.sim.model.polygon import vertices_of
+from vastflow.sim.model.polygon import circumscribed_radius_m, vertices_of
 from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, UNKNOWN, cost_at_distance
-from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.costmaps.window import Window, outline_hits
 from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid

@@ -1,6 +1,6 @@
 """Parameters of the robot itself: its body, actuators, laser scanner, and latency, as a campaign's section `robot` gives them.
 
-What is not given follows from the Nav2 parameters or is the TurtleBot 4's, see `vastflow.sim.reading.robot`.
+What is not given follows from the Nav2 parameters or is the TurtleBot 4's, see `vastflow.sim.nav2.system.robot`.
 """
 
 import functools

@@ -1,59 +1,37 @@
-"""The user's Nav2 parameter file of `execution.nav2_params`: content, faults, and unmodeled parameters."""
+"""The Nav2 parameter file of a campaign: its content, faults, and what of it is not modeled."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
-from vastflow.producers.campaign_file.document import Document
-from vastflow.producers.model.faults import Location, shown
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place, Problem
-from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files import document as parameters
 from vastflow.sim.nav2.parameter_files.controller_server import critics_of
 from vastflow.sim.nav2.parameter_files.document import dotted
 from vastflow.sim.nav2.parameter_files.findings import Finding, defaults_row, findings, omitted, slips
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, interpretation
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, file_value, frozen, read_nav2_document
+from vastflow.sim.nav2.parameter_files.parameter_file import file_value, frozen, read_nav2_document
+from vastflow.sim.nav2.parameter_files.reader import shown
 from vastflow.sim.nav2.parameter_files.refusals import refusals
-from vastflow.sim.nav2.parameter_files.releases import (
-    RELEASE,
-    RELEASE_KEY,
-    RELEASES,
-    changes_since_jazzy,
-    guessed_release,
-)
-
-WHERE: Final[Location] = ("execution", FILE_KEY)
+from vastflow.sim.nav2.parameter_files.releases import RELEASE, changes_since_jazzy, guessed_release
+from vastflow.sim.system.keys import FILE_KEY, RELEASE_KEY, RELEASES
+from vastflow.sim.system.system import SystemFile
 
 
-@dataclass(frozen=True, slots=True)
-class Nav2Params:
-    """The Nav2 parameter file of a campaign: what every family's system has from it, its faults, its notes, its `defaults_row`."""
+def read_file(path: Path, release: Value = None) -> SystemFile:
+    """Return a campaign's Nav2 parameter file, its faults, and its notes.
 
-    system: Mapping[str, Value]
-    faults: tuple[Fault, ...] = ()
-    notes: tuple[Fault, ...] = ()
-    defaults: Mapping[str, Mapping[str, Value]] | None = None
-
-
-def nav2_params_of(document: Document, base: Path) -> Nav2Params:
-    """Read the Nav2 parameter file of a campaign file, which is relative to `base`."""
-    release = document.value(("execution", RELEASE_KEY))
-    if not isinstance(name := document.value(WHERE), str):
-        said = document.fault(("execution", RELEASE_KEY), "there is a release without a file", f"add {FILE_KEY}")
-        return Nav2Params({}, (said,) if release else ())
-    path = base / name
-    if not is_file(path):
-        return Nav2Params({}, (document.fault(WHERE, f"there is no file {shown(name)}"),))
+    Args:
+        release: Nav2's release as the campaign says it.
+    """
     own: dict[str, Value] = {RELEASE_KEY: release} if release in RELEASES else {}
     try:
         whole = frozen(read_nav2_document(path))
     except FileError as error:
-        return Nav2Params({}, error.faults)
+        return SystemFile(faults=error.faults)
     asked = replace(whole, values={**whole.values, **{(key,): said for key, said in own.items()}})
     try:
         found = interpretation(asked)
@@ -63,9 +41,9 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
         slipped: list[Fault] = []
         with suppress(FileError):
             slipped += _slips(interpretation(replace(asked, values=kept)))
-        return Nav2Params({}, (*error.faults, *slipped))
+        return SystemFile(faults=(*error.faults, *slipped))
     faults = (*_slips(found), *refusals(found))
-    return Nav2Params({FILE_KEY: file_value(whole), **own}, faults, tuple(notes_of(found)), defaults_row(found))
+    return SystemFile({FILE_KEY: file_value(whole), **own}, faults, tuple(notes_of(found)), defaults_row(found))
 
 
 def _slips(found: Interpretation) -> Iterator[Fault]:

@@ -6,21 +6,16 @@ from typing import Final, TypeAlias
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.parameter import ParameterLocation
-from vastflow.sim.nav2.parameter_files.chosen import (
-    CONTROLLER_KEY,
-    default_document,
-    parameters_of,
-    targets,
-    with_controller,
-)
+from vastflow.sim.nav2.parameter_files.chosen import default_document, parameters_of, targets, with_controller
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, dotted
 from vastflow.sim.nav2.parameter_files.interpretation import document_of
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, read_nav2_document
+from vastflow.sim.nav2.parameter_files.parameter_file import read_nav2_document
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, short_name
 from vastflow.sim.nav2.parameter_files.robots import of_robot
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
-from vastflow.sim.nav2.parameters.robot import NAMESPACE_KEY
 from vastflow.sim.plug_ins.snapshot import PlugInFile
+from vastflow.sim.system.keys import CONTROLLER_KEY, FILE_KEY
+from vastflow.sim.system.robot import NAMESPACE_KEY
 
 _MONITOR: Final = "collision_monitor.FootprintApproach.enabled"
 """Off where a file has no such node, which no key takes away."""

@@ -1,55 +1,27 @@
 """The robot's body, limits, and scanner, as given by a campaign or derived from its navigation stack."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias
+from collections.abc import Iterator, Mapping
+from typing import Final
 
 from vastflow.sim.model.polygon import Vertices, vertices_of
 from vastflow.sim.model.rates import held_hz
 from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER
 from vastflow.sim.nav2.parameter_files.interpretation import is_omni
 from vastflow.sim.nav2.parameters.mppi import MotionModel, MppiParameters
-from vastflow.sim.nav2.parameters.robot import IDEAL, Latency, LidarParameters, OdometryDrift
 from vastflow.sim.nav2.parameters.servers import SmacPlannerHybrid, VelocitySmoother
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.system.facts import RobotFact, Source
+from vastflow.sim.system.robot import IDEAL, Latency, LidarParameters, OdometryDrift
 from vastflow.sim.world.noise_registry import GaussianDropoutParameters
-from vastflow.sim.world.robot_model import Drive, Lidar, Robot
+from vastflow.sim.world.robot_model import TURTLEBOT_4, TURTLEBOT_4_LIDAR, TURTLEBOT_4_RADIUS_M, Drive, Lidar, Robot
 
-TURTLEBOT_4: Final = Robot()
-TURTLEBOT_4_LIDAR: Final = Lidar()
-TURTLEBOT_4_RADIUS_M: Final = 0.22
-"""`robot_radius` of Nav2's default file: larger than the TurtleBot 4 that it is for."""
 _DEFAULT_SMOOTHER: Final = VelocitySmoother()
 _GREATEST_SPEEDS: Final = ("vx_max", "max_vel_x", "desired_linear_vel")
 """Parameters of MPPI, DWB and RPP."""
 
 _DRIVES: Final[Mapping[MotionModel, Drive]] = {"DiffDrive": "differential", "Ackermann": "ackermann", "Omni": "omni"}
 """MPPI's motion models to the drives that they are of."""
-
-_PARTS: Final[Mapping[str, str]] = {
-    "body": "footprint",
-    "drive": "drive",
-    "mass": "mass",
-    **dict.fromkeys(("speed up to", "acceleration up to", "yaw rate up to", "yaw acceleration up to"), "limits"),
-    **dict.fromkeys(("lidar mounted at x", "lidar mounted at y", "lidar turned by", "with", "from"), "lidar"),
-    **dict.fromkeys(("ranges above", "ranges below", "scans at"), "lidar"),
-}
-"""Quantities of `RobotFact` to the words of `robot_summary`."""
-
-Source: TypeAlias = Literal["given", "from the Nav2 parameters", "a TurtleBot 4's", "assumed", "no real robot's"]
-
-
-@dataclass(frozen=True, slots=True)
-class RobotFact:
-    """A quantity of the robot in words, and where its value is from."""
-
-    quantity: str
-    value: str
-    source: Source
-
-    def __str__(self) -> str:
-        return f"{self.quantity} {self.value}"
 
 
 def robot_of(parameters: NavParameters) -> Robot:
@@ -110,40 +82,6 @@ def robot_facts(parameters: NavParameters) -> tuple[RobotFact, ...]:
         *_latency_facts(parameters.latency),
         *_drift_facts(parameters.odometry),
     )
-
-
-def robot_words(facts: Iterable[RobotFact]) -> Iterator[str]:
-    """Yield a sentence for the facts of each source, assumptions last."""
-    facts = tuple(facts)
-    starts: tuple[tuple[Source, str], ...] = (
-        ("given", "the robot"),
-        ("from the Nav2 parameters", "the robot, from the Nav2 parameters"),
-        ("a TurtleBot 4's", "assumed, as a TurtleBot 4 has it"),
-        ("assumed", "assumed, as angles of its own are given"),
-        ("no real robot's", "assumed, as no real robot has it"),
-    )
-    for source, start in starts:
-        if said := [str(fact) for fact in facts if fact.source == source]:
-            yield f"{start}: {', '.join(said)}"
-
-
-def robot_summary(facts: Iterable[RobotFact], nav2: str) -> str:
-    """Return whose robot it is in one line; `nav2` says which Nav2 parameters are read, and of which file."""
-    parts: dict[str, list[str]] = {"given": [], "from the Nav2 parameters": [], "a TurtleBot 4's": []}
-    for fact in facts:
-        if fact.quantity in _PARTS and fact.source in parts and _PARTS[fact.quantity] not in parts[fact.source]:
-            parts[fact.source].append(_PARTS[fact.quantity])
-    given, derived, assumed = parts.values()
-    assumed = [f"the rest of the {part}" if part in [*given, *derived] else part for part in assumed]
-    is_one = len(assumed) == 1 and assumed != ["limits"]
-    ends = ("{} as described", "{}", f"{{}} of a TurtleBot 4 {'is' if is_one else 'are'} assumed")
-    lists = (given, [*derived, nav2], assumed)
-    return "; ".join(end.format(_listed(each)) for end, each in zip(ends, lists, strict=True) if each)
-
-
-def _listed(words: Sequence[str]) -> str:
-    *most, last = words
-    return f"{', '.join(most)}{',' * (len(most) > 1)} and {last}" if most else last
 
 
 def _body(parameters: NavParameters) -> tuple[Vertices, float]:
