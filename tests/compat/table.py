@@ -45,7 +45,7 @@ def text(rows: Iterable[Row]) -> str:
 def main() -> None:
     """Print the table of a folder."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=lambda given: Path(given).resolve())
     parser.add_argument("--runs", type=int, default=1)
     parser.add_argument("--sample", type=int)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
