@@ -1,5 +1,5 @@
 /** A rectangle that selects a part of a drawing, by pointer or keys. */
-import { filled, ordered, stepOf, within } from "./dom.js";
+import { filled, stepOf, within } from "./dom.js";
 
 /** @returns {[number, number]} A pointer's place in a drawing's own units. */
 export function placeIn(over, event) {
@@ -11,7 +11,6 @@ export function placeIn(over, event) {
 /**
  * Let a rectangle be dragged, or moved by arrow keys, resized by them with shift, and chosen by Enter.
  * @param {SVGElement} over Where a pointer drags, and what has the focus; `band` shows the rectangle.
- * @param {SVGElement} band
  * @param {{x: [number, number], y: [number, number]}} limits An axis that is not `free` is selected whole.
  * @param {"x" | "y" | "xy"} free
  * @param {(x: [number, number], y: [number, number]) => void} choose
@@ -20,7 +19,7 @@ export function placeIn(over, event) {
 export function onBrush(over, band, limits, free, choose, hovered = () => {}) {
   let pressed = false;
   let corners = null;
-  const spans = () => [0, 1].map((axis) => ordered(...corners.map((corner) => corner[axis])));
+  const spans = () => [0, 1].map((axis) => corners.map((corner) => corner[axis]).sort((a, b) => a - b));
   const mark = (...places) => {
     const inside = (value, axis, k) => (free.includes(axis) ? within(value, ...limits[axis]) : limits[axis][k]);
     corners = places.map(([x, y], k) => [inside(x, "x", k), inside(y, "y", k)]);
@@ -36,11 +35,8 @@ export function onBrush(over, band, limits, free, choose, hovered = () => {}) {
     if (pressed) mark(corners[0], placeIn(over, event));
     else hovered(event);
   });
-  over.addEventListener("pointercancel", () => (pressed = false));
-  over.addEventListener("pointerup", () => {
-    if (pressed) choose(...spans());
-    pressed = false;
-  });
+  over.addEventListener("pointerup", () => pressed && choose(...spans()));
+  over.addEventListener("lostpointercapture", () => (pressed = false));
   over.addEventListener("keydown", (event) => {
     const step = stepOf(event);
     if (event.key === "Enter" && corners) choose(...spans());

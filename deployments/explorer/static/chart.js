@@ -11,9 +11,6 @@ export const DOTS = { "stroke-width": 4.5, "stroke-linecap": "round", "stroke-op
 /** Lines of failed runs are drawn over those of passed ones. */
 const ORDER = [2, 0, 1];
 
-/** @typedef {{name: string, values: Float32Array, levels?: string[] | null}} Column Numbers, or places in `levels`. */
-/** @typedef {[number, number]} Range */
-
 /** @returns {number[]} Round numbers within a range, about so many at most. */
 export function ticksOf(low, high, most = 6) {
   const rough = (high - low) / most || 1;
@@ -26,11 +23,8 @@ export function ticksOf(low, high, most = 6) {
 
 /** @returns {[number, number]} Least and greatest number, a little apart where they are one. */
 export function rangeOf(values) {
-  let [low, high] = [Infinity, -Infinity];
-  for (const value of values) {
-    if (value < low) low = value;
-    if (value > high) high = value;
-  }
+  const wider = ([low, high], value) => [value < low ? value : low, value > high ? value : high];
+  const [low, high] = values.reduce(wider, [Infinity, -Infinity]);
   if (low > high) return [0, 1];
   return low === high ? [low - 0.5, high + 0.5] : [low, high];
 }
@@ -42,7 +36,7 @@ function shortened(text, most) {
   return shown;
 }
 
-/** An axis from one place to another: scale, its inverse, and ticks with their names. */
+/** An axis of numbers, or of places in `levels`: scale, its inverse, and ticks with their names. */
 function axisOf({ values, levels }, start, end) {
   const [least, greatest] = rangeOf(values);
   const room = levels ? 0.5 : 0.03 * (greatest - least);
@@ -90,11 +84,7 @@ export function nearestTo([x, y], n, placeOf, near = NEAR) {
   return nearest;
 }
 
-/**
- * Draw points of two columns, x and y, in so many pixels; a rectangle chooses ranges of both.
- * @param {(index: number) => void} tell
- * @param {(x: Range, y: Range) => void} choose
- */
+/** Draw points of two columns, x and y, in so many pixels; a rectangle chooses ranges of both. */
 export function scatterChart(width, column, other, verdicts, tell, choose) {
   const { x, y, limits, parts } = frame(width, column, other);
   // Texts and whole numbers lie over each other; a fixed pattern moves them apart.
@@ -122,10 +112,7 @@ export function scatterChart(width, column, other, verdicts, tell, choose) {
   return chart;
 }
 
-/**
- * Draw lines of runs, those of one verdict in one color, failed ones on top.
- * @param {(run: number, x: number, y: number) => void} tell
- */
+/** Draw lines of runs, those of one verdict in one color, failed ones on top; `tell` is given run, x, and y. */
 export function lineChart(width, xName, yName, { x: xs, y: ys, starts, verdict: verdicts }, tell) {
   const { x, y, parts } = frame(width, { name: xName, values: xs }, { name: yName, values: ys });
   const lines = ["", "", ""];
@@ -147,10 +134,7 @@ export function lineChart(width, xName, yName, { x: xs, y: ys, starts, verdict: 
   return chart;
 }
 
-/**
- * Draw parallel coordinates; a range of an axis is chosen on it.
- * @param {(column: number, ends: Range) => void} choose
- */
+/** Draw parallel coordinates; a range of an axis is chosen on it. */
 export function parallelChart(width, columns, verdicts, choose) {
   const [top, bottom] = [72, HEIGHT - 26];
   const x = (k) => 30 + (k * (width - 130)) / Math.max(columns.length - 1, 1);

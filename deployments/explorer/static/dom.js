@@ -16,13 +16,10 @@ export const query = new URLSearchParams(location.search);
 
 export const $ = (id) => document.getElementById(id);
 
-/**
- * Make an element. Text becomes text nodes, so that names are never read as HTML.
- * @type {(tag: string, attributes?: Object<string, any>, ...children: (Node | string | number)[]) => HTMLElement}
- */
+/** Make an element. Text becomes text nodes, so that names are never read as HTML. */
 export const element = (tag, attributes = {}, ...children) => filled(document.createElement(tag), attributes, children);
 
-/** Make an element of a drawing. @type {(tag: string, attributes?: Object<string, any>, ...children: any[]) => SVGElement} */
+/** Make an element of a drawing. */
 export const drawn = (tag, attributes = {}, ...children) =>
   filled(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 
@@ -65,14 +62,10 @@ export function number(value) {
   return String(Number(value.toPrecision(4)));
 }
 
-/** @type {(value: number) => string} */
 export const count = (value) => value.toLocaleString("en-US");
 
 /** Steps to the right and down of a key that moves something; undefined for others. @type {(event: KeyboardEvent) => any} */
 export const stepOf = ({ key, ctrlKey, metaKey, altKey }) => (ctrlKey || metaKey || altKey ? undefined : STEPS[key]);
-
-/** @returns {[number, number]} Two numbers, the lesser first. */
-export const ordered = (a, b) => (a < b ? [a, b] : [b, a]);
 
 export const within = (value, low, high) => Math.min(Math.max(value, low), high);
 
@@ -87,10 +80,7 @@ export async function fetched(place, options) {
   throw Object.assign(new Error(told.error || `The explorer answered ${reply.status}.`), { asks: told.asks });
 }
 
-/**
- * Ask the server for a line of JSON and arrays of numbers after it, which are read in place.
- * @returns {Promise<{header: any, arrays: Object<string, any>}>}
- */
+/** Ask the server for a header, a line of JSON, and arrays of numbers after it, which are read in place. */
 export async function fetchPacked(place, options) {
   const buffer = await (await fetched(place, options)).arrayBuffer();
   const bytes = new Uint8Array(buffer);

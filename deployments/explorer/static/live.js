@@ -1,5 +1,5 @@
 /** A campaign while it runs: its state comes as parts of the page. */
-import { $, fetched, showError, showParts } from "./dom.js";
+import { $, fetched, shown, showError, showParts } from "./dom.js";
 
 const form = /** @type {HTMLFormElement} */ ($("stop"));
 const source = new EventSource(`/api/events${location.search}`);
@@ -31,14 +31,10 @@ form.addEventListener("submit", async (event) => {
 });
 
 // Opening a run reads the campaign's file and its store, which no link does by itself.
-$("lost").addEventListener("click", async (event) => {
+$("lost").addEventListener("click", (event) => {
   const link = /** @type {HTMLElement} */ (event.target).closest("a");
   if (!link || $("state").textContent.includes("finished")) return;
   event.preventDefault();
   $("words").textContent = "Reading the run from the store …";
-  try {
-    location.assign((await (await fetched(link.href, { method: "POST" })).json()).address);
-  } catch (error) {
-    showError($("end"), error);
-  }
+  shown($("end"), async () => location.assign((await (await fetched(link.href, { method: "POST" })).json()).address));
 });

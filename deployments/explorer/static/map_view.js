@@ -13,15 +13,18 @@ const MARKS = {
 };
 const NEAR_PX = 8;
 const STEP_PX = 40;
-const ZOOM = 1.5;
+/** Sign of a button, its keys, its name, and what it does. */
+const ZOOMS = [
+  ["+", ["+", "="], "Zoom in", (map) => map.zoom(1.5)],
+  ["−", ["−", "-"], "Zoom out", (map) => map.zoom(1 / 1.5)],
+  ["⤢", ["0"], "Whole map", (map) => map.fit()],
+];
 const OBSTACLE = { fill: "var(--obstacle)", "fill-opacity": 0.4, stroke: "var(--obstacle-edge)", "stroke-width": 0.02 };
 const DASHED = { "stroke-dasharray": "5 4" };
 const PIXELS = { preserveAspectRatio: "none", "image-rendering": "pixelated" };
 /** Viridis from yellow (little) to purple (much), as in the report. */
 const RAMP = ["#fde725", "#5ec962", "#21918c", "#3b528b", "#440154"];
 const SELDOM = [150, 150, 150, 70];
-
-const percent = (share) => `${(100 * share).toFixed(1)} %`;
 
 export class MapView extends ShownPart {
   /** Places with signs of `MARKS`, and corners of obstacles, in meters. */
@@ -39,8 +42,8 @@ export class MapView extends ShownPart {
     });
     this.told = element("p", { class: "muted", "aria-live": "polite" });
     this.legend = element("p", { class: "row muted" });
-    const zoom = Object.entries({ "+": "Zoom in", "−": "Zoom out", "⤢": "Whole map" }).map(([sign, title]) =>
-      element("button", { title, "aria-label": title, click: () => this.#zooms[sign]() }, sign),
+    const zoom = ZOOMS.map(([sign, , title, act]) =>
+      element("button", { title, "aria-label": title, click: () => act(this) }, sign),
     );
     const saved = saveButtons(name, () => this.floor && drawing);
     place.replaceChildren(drawing, element("div", { class: "row" }, ...zoom, ...saved), this.legend, this.told);
@@ -49,25 +52,15 @@ export class MapView extends ShownPart {
     new ResizeObserver(() => this.draw()).observe(drawing);
   }
 
-  /** By the key, or the sign on a button. */
-  #zooms = {
-    "+": () => this.zoom(ZOOM),
-    "=": () => this.zoom(ZOOM),
-    "-": () => this.zoom(1 / ZOOM),
-    "−": () => this.zoom(1 / ZOOM),
-    0: () => this.fit(),
-    "⤢": () => this.fit(),
-  };
-
   #key(event) {
-    const [step, zoom] = [stepOf(event), !event.ctrlKey && !event.metaKey && this.#zooms[event.key]];
+    const step = stepOf(event);
+    const zoom = !event.ctrlKey && !event.metaKey && ZOOMS.find(([, keys]) => keys.includes(event.key));
     if (!step && !zoom) return;
     event.preventDefault();
     if (step) this.pan(...step.map((each) => -each * STEP_PX));
-    else zoom();
+    else zoom[3](this);
   }
 
-  /** Show the whole map. */
   fit() {
     this.extent = null;
     super.fit();
@@ -152,7 +145,6 @@ export class MapView extends ShownPart {
     return drawn("image", { href: picture(rows, columns, colors).toDataURL(), ...PIXELS, ...box });
   }
 
-  /** Show the part of the map. */
   draw() {
     const { element: drawing, floor } = this;
     if (!floor || !drawing.clientWidth) return;
@@ -176,7 +168,7 @@ export class MapView extends ShownPart {
       const [column, row] = [Math.floor((x - origin[0]) / cell), Math.floor((y - origin[1]) / cell)];
       const inside = column >= 0 && column < columns && row >= 0 && row < rows;
       const [failed, runs] = inside ? [arrays.failed, arrays.runs].map((each) => each[row * columns + column]) : [0, 0];
-      const share = `${count(failed)} of ${count(runs)} runs failed (${percent(failed / runs)})`;
+      const share = `${count(failed)} of ${count(runs)} runs failed (${((100 * failed) / runs).toFixed(1)} %)`;
       this.told.textContent = runs ? `x ${x.toFixed(2)} m, y ${y.toFixed(2)} m: ${share}` : "";
     }
     if (header.form !== "runs") return;

@@ -13,11 +13,7 @@ export class ShownPart {
   follow = false;
   pointers = new Map();
 
-  /**
-   * @param {HTMLCanvasElement | SVGSVGElement} element
-   * @param {() => void} moved Draws the map.
-   * @param {{hovered?: (event: PointerEvent) => void, zooms?: (event: WheelEvent) => boolean}} [more]
-   */
+  /** `moved` draws the map, `hovered` is told of other pointers, and `zooms` says whether a wheel does. */
   constructor(element, moved, { hovered = () => {}, zooms = () => true } = {}) {
     this.element = element;
     this.moved = moved;

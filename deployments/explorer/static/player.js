@@ -29,7 +29,6 @@ class Player {
     if (query.get("paused") !== "1" && !still && this.views.length) this.play();
   }
 
-  /** @type {Object<string, (shift: boolean) => void>} */
   actions = {
     toggle: () => (this.playing ? this.pause() : this.play()),
     back: (shift) => this.seek(this.t - (shift ? 1 : 0.1)),

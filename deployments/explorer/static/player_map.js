@@ -1,24 +1,20 @@
 /** The map of one run, drawn in meters; y points up. */
 import { picture, ShownPart } from "./maps.js";
 
-const VERDICTS = { pass: "pass", fail: "fail" };
 const TURN = 2 * Math.PI;
 const MARGIN_PX = 12;
 const BAR_M = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
 const [INSCRIBED, LETHAL, UNKNOWN_COST] = [253, 254, 255];
 
 export class RunMap extends ShownPart {
-  /** @type {import("./player_run.js").Layers | null} */
   layers = null;
 
-  /** @param {HTMLCanvasElement} canvas @param {import("./player_run.js").Run} run @param {() => void} moved */
   constructor(canvas, run, moved) {
     super(canvas, moved);
     this.run = run;
     this.context = canvas.getContext("2d");
   }
 
-  /** Take the colors. */
   paint(theme) {
     this.theme = theme;
     this.costs = {};
@@ -29,23 +25,17 @@ export class RunMap extends ShownPart {
     });
   }
 
-  fit() {
-    this.fitted = true;
-    this.place();
-    super.fit();
-  }
-
-  /** Show the part of the map that fits into the page, or all of it. */
+  /** Take the size that the page gives the canvas. */
   place() {
     const { element: canvas } = this;
     canvas.width = Math.round(canvas.clientWidth * devicePixelRatio);
     canvas.height = Math.round(canvas.clientHeight * devicePixelRatio);
-    this.take(this.grids[0].extent, MARGIN_PX);
   }
 
   /** Draw a moment with the layers whose names are in `shown`. */
   draw(t, shown) {
     const time = Math.min(t, this.run.end);
+    this.take(this.grids[0].extent, MARGIN_PX);
     if (this.follow) this.center = this.run.pose(time);
     const { element: canvas, context, theme } = this;
     const scale = this.scale * devicePixelRatio;
@@ -176,7 +166,7 @@ export class RunMap extends ShownPart {
     };
     if (shown.has("future")) this.#stroke(line(row + 1, run.t.length), theme.muted, 1, [2, 3]);
     if (shown.has("belief")) this.#stroke(line(0, row + 1, true), theme.belief, 1, [4, 2]);
-    if (shown.has("past")) this.#stroke(line(0, row + 1), theme[VERDICTS[run.header.judgement] ?? "not-judged"], 2);
+    if (shown.has("past")) this.#stroke(line(0, row + 1), theme[run.header.judgement.replace(" ", "-")], 2);
   }
 
   #robot({ x, y, yaw }, edge, inside, width) {

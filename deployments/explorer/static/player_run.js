@@ -1,11 +1,8 @@
 /** A stored run, and what an execution added: values at any time. */
 
-/** @typedef {{x: number, y: number, yaw: number}} Pose In m and rad. */
-
 const NEXT_PLACE_S = 0.25;
 
 export class Run {
-  /** @param {{header: any, arrays: Object<string, any>}} reply */
   constructor({ header, arrays }) {
     Object.assign(this, { header, arrays });
     this.hasRobot = !header.sentence;
@@ -24,8 +21,10 @@ export class Run {
 
   /** Sample at or before a time, the one after it, and the share of the time between them. */
   between(t) {
-    const last = this.t.findLastIndex((each) => each <= t + 1e-9);
-    const row = Math.max(last, 0);
+    const row = Math.max(
+      this.t.findLastIndex((each) => each <= t + 1e-9),
+      0,
+    );
     const next = Math.min(row + 1, this.t.length - 1);
     const step = this.t[next] - this.t[row];
     return { row, next, share: step > 0 ? Math.min(Math.max((t - this.t[row]) / step, 0), 1) : 0 };
@@ -38,7 +37,7 @@ export class Run {
     return share > 0 ? before + share * (after - before) : before;
   }
 
-  /** @returns {Pose} Where the robot is, or believes to be. */
+  /** Where the robot is, or believes to be, in m and rad. */
   pose(t, believed = false) {
     const name = (each) => (believed ? `estimated_${each}` : each);
     const { row, next, share } = this.between(t);
@@ -65,7 +64,6 @@ export class Run {
 }
 
 export class Layers {
-  /** @param {{header: any, arrays: Object<string, any>}} reply */
   constructor({ header, arrays }) {
     Object.assign(this, { header, arrays });
     this.moments = header.arrays["plan spans"].shape[0];

@@ -20,7 +20,6 @@ const BANDS = {
 };
 
 export class Tracks {
-  /** @param {Array<{run: import("./player_run.js").Run, activities: Array<[number, number, string]>}>} sides */
   constructor(place, sides, end, seek) {
     Object.assign(this, { place, sides, seek, end: Math.max(end, 0.1) });
     this.line = place.querySelector("[role=slider]");
