@@ -102,26 +102,27 @@ class Chosen:
     Attributes:
         runs, verdict, configuration: (n,) index, verdict, and configuration of each run.
         counts: (configurations, 3) runs of each verdict.
-        share: (n,) of each run in the mean of its configurations' rates; those of a configuration's judged runs have the sum 1.
+        weight: (n,) of each run in the rate of its configuration; 0 if it was not judged.
     """
 
     def __init__(self, table: RunTable, mask: Bools) -> None:
         self.runs = np.flatnonzero(mask)
         self.verdict, self.configuration = table.verdict[self.runs], table.configuration[self.runs]
         self.counts = _counts(self.configuration, self.verdict, len(table.configurations))
-        weight = table.weight[self.runs] * (self.verdict != NOT_JUDGED)
-        sums = np.bincount(self.configuration, weight, len(self.counts))[self.configuration]
-        self.share = np.divide(weight, sums, out=np.zeros_like(weight), where=sums > 0)
+        self.weight = table.weight[self.runs] * (self.verdict != NOT_JUDGED)
 
     def of(self, facet: Facet) -> NDArray[np.int64]:
         """Return the runs (cells, 3) of each cell and verdict."""
         return _counts(facet.cells[self.runs], self.verdict, facet.size)
 
     def rates(self, cells: NDArray[Any], size: int) -> NDArray[np.float64]:
-        """Return the mean of the configurations' rates in each cell, NaN without judged runs."""
-        passed = np.bincount(cells, self.share * (self.verdict == PASS), size)
+        """Return the mean in each cell of the rates that configurations have there, NaN without judged runs."""
+        n = len(self.counts)
+        pairs, at = np.unique(cells.astype(np.int64) * n + self.configuration, return_inverse=True)
+        judged, passed = np.bincount(at, self.weight), np.bincount(at, self.weight * (self.verdict == PASS))
+        of, rates = pairs[judged > 0] // n, passed[judged > 0] / judged[judged > 0]
         with np.errstate(invalid="ignore"):
-            found: NDArray[np.float64] = passed / np.bincount(cells, self.share, size)
+            found: NDArray[np.float64] = np.bincount(of, rates, size) / np.bincount(of, minlength=size)
         return found
 
 
@@ -158,7 +159,8 @@ class Facets:
 
 def _facet_json(facet: Facet, chosen: Chosen, condition: Condition | None) -> dict[str, Any]:
     counts, column = chosen.of(facet), facet.column
-    told = {"name": column.name, "group": column.group, "unit": column.unit, "kind": facet.kind}
+    own = {"kind": facet.kind, "numbers": column.levels is None}
+    told = {"name": column.name, "group": column.group, "unit": column.unit, **own}
     if facet.kind == "numbers":
         ends = {"low": float(facet.edges[0]), "high": float(facet.edges[-1])}
         return {**told, **ends, "counts": counts[:BINS].tolist(), "missing": int(counts[BINS].sum())}

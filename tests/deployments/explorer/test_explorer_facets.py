@@ -43,6 +43,7 @@ def runs_of():
             "noise": noise,
             "path length (m)": length,
             "robot": pd.Categorical(["turtle"] * n),
+            "purpose": pd.Categorical.from_codes((np.arange(n) * 7 % 11 < 3) * 1, ["search", "confirmation"]),
             "start_pose": pd.Categorical.from_codes(of % 3, [f'{{"x": {k}}}' for k in range(3)]),
         }
     )
@@ -77,6 +78,14 @@ def test_facet_counts_values_under_conditions_of_other_facets(facets):
         assert (each["passed"], each["failed"]) == (own.eq(True).sum(), own.eq(False).sum())
         assert each["not_judged"] == own.isna().sum()
         assert each["rate"] == pytest.approx(mean_of_configurations(of))
+
+
+def test_rate_of_a_value_is_the_one_of_its_selection_where_it_divides_configurations(facets, table):
+    for each in shown(facets.json({}), "purpose")["values"]:
+        of = runs_of().query(f"purpose == '{each['value']}'")
+        assert each["rate"] == pytest.approx(mean_of_configurations(of))
+        chosen = mask_of(table, parse_filter(f"purpose={each['value']}"))
+        assert each["rate"] == pytest.approx(summary_json(table, chosen)["rate"])
 
 
 def test_facet_of_numbers_counts_each_run_once(facets):

@@ -47,6 +47,14 @@ def test_part_has_the_selection(client, campaign, view, query, words):
     assert [each for each in words if each not in reply.text] == []
 
 
+def test_number_of_many_digits_is_rounded_in_a_facet_and_whole_in_its_title(client, add_campaign, id_of):
+    directory = add_campaign(3, {"hard": [4, 2, 1, 0]})
+    write_wide(directory, wide_table(read_tables(directory)))
+    page = client.get("/api/facets", params={"c": id_of(directory)}, headers=HTML).text
+    assert "<span>0.3</span>" in page and 'title="0.30000000000000004: ' in page
+    assert 'value="0.30000000000000004"' in page and 'title="0.1: ' not in page
+
+
 @each_row("view", ["summary", "facets", "rows"])
 def test_part_escapes_names(client, campaign, view):
     reply = client.get(f"/api/{view}", params={"c": campaign, "f": f"family={EVIL}"}, headers=HTML)
