@@ -246,7 +246,7 @@ def progress_text(progress: Progress) -> str:
     """Runs done and their verdicts."""
     verdicts = f"{progress.passed} passed, {progress.failed} failed, {progress.not_judged} not judged"
     total = f"{'at most ' * progress.at_most}{progress.runs_total}"
-    return f"{progress.runs_done} of {total} runs done; {verdicts}"
+    return f"{progress.runs_done} of {total} runs done: {verdicts}"
 
 
 def size_text(configurations: int, runs: int, at_most: bool = False) -> str:

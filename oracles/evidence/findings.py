@@ -242,24 +242,24 @@ def found_text(said: Mapping[str, Any]) -> str:
     samples = confirmed["samples"] if confirmed else []
     mean = math.fsum(samples) / max(len(samples), 1)
     if confirmed is None:
-        found += f" on {best['runs']} runs; not confirmed."
+        found += f" on {best['runs']} runs, not confirmed."
     elif not samples:
-        found += f"; none of {confirmed['runs']} fresh runs gives it."
+        found += f". None of {confirmed['runs']} fresh runs gives it."
     elif is_rate:
         low, high = clopper_pearson_intervals(sum(samples), len(samples)).tolist()
         ends = f"[{math.floor(100 * low)}, {math.ceil(100 * high)}]"
         found += f", confirmed at {_shown(mean, is_rate)} {ends} on {len(samples)} fresh runs."
     else:
-        found += f"; the mean of {len(samples)} fresh runs is {_shown(mean, is_rate)}."
+        found += f". The mean of {len(samples)} fresh runs is {_shown(mean, is_rate)}."
     if beside is None:
         return found
     found += f" Found after {beside['runs_until_best']} runs"
     if beside["runs_until_as_good"] is not None:
         return f"{found}, by {beside['strategy']} search after {beside['runs_until_as_good']}."
     if beside["best"] is None:
-        return f"{found}; no point of {beside['strategy']} search was judged."
+        return f"{found}. No point of {beside['strategy']} search was judged."
     at = _shown(beside["best"]["objective"], is_rate)
-    return f"{found}; {beside['strategy']} search comes to {at} in {beside['runs']} runs."
+    return f"{found}. {beside['strategy'].capitalize()} search comes to {at} in {beside['runs']} runs."
 
 
 def _shown(value: float, is_rate: bool) -> str:

@@ -79,7 +79,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             "How often a place is failed at",
             f"{name}: failed runs over visits in cells of 0.25 m",
             "Of the runs that came through a cell, the share that failed within the last 0.5 m of their path there. "
-            "Faint cells are uncertain. A dense spot on the left can be a busy one; a dark cell here is a dangerous one.",
+            "Faint cells are uncertain. A dense spot on the left can be a busy one. A dark cell here is a dangerous one.",
             Drawing(maps.failure_rate_figure, scene),
             density=True,
         )
@@ -89,7 +89,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
         if hidden > 0
         else "Obstacles of all configurations"
     )
-    obstacles = f" {which} are drawn; each run met only its own." if scene.obstacles else ""
+    obstacles = f" {which} are drawn. Each run met only its own." if scene.obstacles else ""
     words: dict[Judgement, str] = {"fail": "failed", "pass": "passed"}
     for judgement, word in words.items():
         if scene.lines[CODES[judgement]] or (judgement == "pass" and not runs.failed):
@@ -111,7 +111,7 @@ def all_maps_picture(scenes: Sequence[Scene], names: Sequence[str]) -> Picture:
         "",
         "A column for each map: final poses of failed runs, failed trajectories, passed trajectories",
         "Above: final poses of failed runs in rings, blurred with 0.2 m, yellow few, purple many for the map. Middle: failed "
-        "trajectories. Below: passed trajectories, from circle to cross; at most 1,000 of each are drawn.",
+        "trajectories. Below: passed trajectories, from circle to cross. At most 1,000 of each are drawn.",
         Drawing(maps.all_maps_figure, scenes, names),
         wide=True,
     )
@@ -175,8 +175,8 @@ def _on_map(
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:
     if factors := design.analysis.factors:
         alt = "Failure rate at each level of each factor"
-        caption = "A thin line with rings is one path, or one situation without a path; diamonds are the mean. "
-        caption += "Orange: the factor is shown to matter, on these or on others; black: it is not."
+        caption = "A thin line with rings is one path, or one situation without a path. Diamonds are the mean. "
+        caption += "Orange: the factor is shown to matter, on these or on others. Black: it is not."
         yield picture(f"factors{ending}", "", alt, caption, Drawing(factor_figure, factors), drawn=True, wide=True)
     if pairs := [pair for pair in design.analysis.interactions if pair.claim.shown]:
         alt = "Failure rate for each combination of levels of two factors that act together"

@@ -56,7 +56,7 @@ def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
     name = said["objective"].replace("_", " ")
     if said["best"] is not None:
         alt = f"{name} of each point over the runs spent"
-        caption = "Dot: a point. Line: the best so far, by the runs that the search used; fresh runs correct it."
+        caption = "Dot: a point. Line: the best so far, by the runs that the search used. Fresh runs correct it."
         caption += " Dashed: random search with as many points." if beside else ""
         figure = Drawing(progress_figure, rows, name, said["direction"], beside)
         yield picture("search-progress", "Best against budget", alt, caption, figure, drawn=True)

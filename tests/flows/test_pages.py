@@ -205,7 +205,7 @@ def test_publish_shows_results_and_report_and_tolerates_refusing_api(client, mon
             progress_text(
                 Progress("running", runs_total=80, runs_done=6, passed=3, failed=2, not_judged=1, at_most=True)
             ),
-            "6 of at most 80 runs done; 3 passed, 2 failed, 1 not judged",
+            "6 of at most 80 runs done: 3 passed, 2 failed, 1 not judged",
         ),
     ],
 )

@@ -86,11 +86,11 @@ CONFIRMED = "point-0007: failure rate found at 90 %, confirmed at 70 % [56, 82] 
     ("parts", "text"),
     [
         ({}, CONFIRMED),
-        ({"confirmation": None}, "point-0007: failure rate found at 90 % on 10 runs; not confirmed."),
+        ({"confirmation": None}, "point-0007: failure rate found at 90 % on 10 runs, not confirmed."),
         ({"best": None}, "No point was judged."),
-        ({"is_rate": False, "objective": "time"}, "point-0007: time found at 0.9; the mean of 60 fresh runs is 0.7."),
+        ({"is_rate": False, "objective": "time"}, "point-0007: time found at 0.9. The mean of 60 fresh runs is 0.7."),
         (beside(428), f"{CONFIRMED} Found after 43 runs, by random search after 428."),
-        (beside(None), f"{CONFIRMED} Found after 43 runs; random search comes to 40 % in 500 runs."),
+        (beside(None), f"{CONFIRMED} Found after 43 runs. Random search comes to 40 % in 500 runs."),
     ],
 )
 def test_found_text_confirms_best_point(parts, text):
