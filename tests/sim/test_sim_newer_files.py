@@ -279,3 +279,30 @@ def test_signs_of_mppis_limits_are_mended_as_in_nav2():
 
 def test_path_of_dwb_may_be_searched_as_a_whole():
     assert read(server(f"{DWB}, forward_prune_distance: -1.0}}")).parameters.controller.forward_prune_distance == 100.0
+
+
+@each_row(
+    ("text", "name", "status"),
+    [
+        # Stamps, timeouts, folders, and what is shown of a mission make no other mission (1.3.12 velocity_smoother.cpp:149; Lyrical's bt_navigator).
+        (
+            "velocity_smoother: {ros__parameters: {NAME: false}}",
+            "stamp_smoothed_velocity_with_smoothing_time",
+            "no effect",
+        ),
+        ("bt_navigator: {ros__parameters: {NAME: 50}}", "default_cancel_timeout", "no effect"),
+        ("bt_navigator: {ros__parameters: {NAME: [a]}}", "bt_search_directories", "no effect"),
+        ("bt_navigator: {ros__parameters: {navigate_to_pose: {NAME: 2.0}}}", "search_window", "no effect"),
+        ("bt_navigator: {ros__parameters: {navigate_through_poses: {NAME: 1669}}}", "groot_server_port", "no effect"),
+        # The default trees call no DriveOnHeading.
+        ("behavior_server: {ros__parameters: {drive_on_heading: {NAME: 2.5}}}", "acceleration_limit", "no effect"),
+        ("behavior_server: {ros__parameters: {backup: {NAME: 2.5}}}", "acceleration_limit", "not modeled"),
+        ("planner_server: {ros__parameters: {NAME: false}}", "allow_partial_planning", "built in"),
+        ("planner_server: {ros__parameters: {NAME: true}}", "allow_partial_planning", "differs"),
+        ("planner_server: {ros__parameters: {GridBased: {NAME: 4}}}", "max_cycles_factor", "built in"),
+    ],
+)
+def test_note_of_a_parameter_says_what_it_changes(text, name, status):
+    whole = f"{text.replace('NAME', name)}\namcl: {{ros__parameters: {{max_beams: 60}}}}"
+    (found,) = (each for each in findings(read(whole)) if each.path[-1] == name)
+    assert found.status == status

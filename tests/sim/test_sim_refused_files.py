@@ -7,7 +7,8 @@ import pytest
 from table import each_row
 
 from vastflow.sim.model.polygon import vertices_of
-from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
+from vastflow.sim.nav2.costmaps.inflation import cost_stamp
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, inscribed_radius_of, outline_of
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import parse
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
@@ -101,7 +102,7 @@ NAVFN = "{plugin: nav2_navfn_planner/NavfnPlanner}"
         (f"planner_server: {{ros__parameters: {{planner_plugins: [P], P: {NAVFN}}}}}", "mine.xml", (0, 0), ""),
     ],
 )
-def test_plug_in_that_no_tree_asks_for_makes_the_action_end_as_in_nav2(text, tree, refusals, words):
+def test_action_ends_where_no_tree_asks_for_the_plug_in(text, tree, refusals, words):
     found = interpretation(
         parse(f"{text}\nbt_navigator: {{ros__parameters: {{default_nav_to_pose_bt_xml: '{tree}'}}}}")
     )
@@ -112,7 +113,7 @@ def test_plug_in_that_no_tree_asks_for_makes_the_action_end_as_in_nav2(text, tre
     assert all(f"ask for {words}, and there is " in each for each in said)
 
 
-def test_controller_that_a_campaign_chooses_is_used_as_if_the_tree_asked_for_it(tmp_path):
+def test_controller_of_a_campaigns_key_is_found(tmp_path):
     own = "{plugin: 'dwb_core::DWBLocalPlanner', critics: [PathDist]}"
     text = (
         f"controller_server: {{ros__parameters: {{controller_plugins: [FollowPath, D], FollowPath: {RPP}, D: {own}}}}}"
@@ -260,3 +261,26 @@ def test_repeated_vertices_count_once_and_warn_of_nothing(vertices):
         assert inscribed_radius_of(found) == inscribed_radius_of(own) == 0.2
     assert vertices_of(found.local_costmap.footprint) == vertices_of(own.robot.polygon) == tuple(corners)
     assert found.collision_monitor.zones[0].vertices == tuple(corners)
+
+
+@each_row(
+    ("own", "inscribed_m"),
+    [
+        # A padding below 0 lays vertices together, and Nav2 goes on with the line that is left (nav2_costmap_2d, footprint.cpp).
+        ("footprint: '[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]', footprint_padding: -0.2", 0.0),
+        ("robot_radius: 0.22, footprint_padding: -0.22", 0.0),
+        ("footprint: '[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2], [0.3, 0.2]]'", 0.21),
+        ("inflation_layer: {plugin: 'nav2_costmap_2d::InflationLayer', cost_scaling_factor: 50000.0}", 0.1078),
+    ],
+)
+def test_odd_but_valid_costmap_warns_of_nothing(own, inscribed_m):
+    text = f"local_costmap: {{local_costmap: {{ros__parameters: {{plugins: [inflation_layer], {own}}}}}}}"
+    text = text if "inflation_layer: " in own else text.replace("plugins: [inflation_layer], ", "")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        costmap = interpretation(parse(text)).parameters.local_costmap
+        inscribed = inscribed_radius_m(outline_of(costmap))
+        layer = costmap.inflation_layer
+        stamp = cost_stamp(0.05, inscribed, layer.inflation_radius, layer.cost_scaling_factor)
+    assert inscribed == pytest.approx(inscribed_m, abs=2e-3)
+    assert stamp.max() == 254

@@ -32,7 +32,7 @@ def cost_stamp(
     offsets = np.arange(-reach, reach + 1)
     cells = np.hypot(offsets[:, None], offsets[None, :])
     distance_m = cells * resolution_m
-    cost = np.floor(252.0 * np.exp(-cost_scaling_factor * (distance_m - inscribed_radius_m)))
+    cost = np.floor(252.0 * np.exp(-cost_scaling_factor * np.maximum(distance_m - inscribed_radius_m, 0.0)))
     cost = np.where(distance_m <= inscribed_radius_m, float(INSCRIBED), np.minimum(cost, 252.0))
     cost[cells > reach] = FREE
     cost[reach, reach] = LETHAL

@@ -36,13 +36,14 @@ def padded(vertices: NDArray[np.float64], padding_m: float) -> NDArray[np.float6
 
 def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
     """Radius of the largest circle round the robot's center inside the outline (0.225498 m for 0.22 m and 0.01 m)."""
-    ends = np.roll(outline, -1, axis=0)
+    to_vertices_m = np.hypot(outline[:, 0], outline[:, 1])
+    is_edge = (outline != np.roll(outline, -1, axis=0)).any(axis=1)  # a padding below 0 can lay vertices together
+    ends, outline = np.roll(outline, -1, axis=0)[is_edge], outline[is_edge]
     edges = ends - outline
     areas = outline[:, 0] * ends[:, 1] - outline[:, 1] * ends[:, 0]
     to_lines_m = np.abs(areas) / np.hypot(edges[:, 0], edges[:, 1])
     # Of an edge that the perpendicular from the center misses, as a notch has them, an end is nearest.
     shares = -np.sum(outline * edges, axis=1) / np.sum(edges * edges, axis=1)
-    to_vertices_m = np.hypot(outline[:, 0], outline[:, 1])
     return float(min(to_vertices_m.min(), np.min(to_lines_m[(shares >= 0.0) & (shares <= 1.0)], initial=np.inf)))
 
 

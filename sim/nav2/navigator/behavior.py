@@ -122,17 +122,6 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
         return
     if not cycle_begins(p, m):
         return
-    if _goal_reached(p, m):
-        reset(controller)
-        order(m, 0.0, 0.0)
-        m.controller_code = 0
-        note(m, state.EVENT_GOAL_REACHED, m.goal, 0.0)
-        if p.mission == state.FOLLOW_WAYPOINTS:
-            m.until = m.tick + round(p.waypoint_follower.waypoint_pause_duration * 1e-3 / TICK_S)
-            _next_waypoint(p, m, route.goals)
-        else:
-            m.state, m.status = state.ENDED, state.SUCCEEDED
-        return
     checker = p.progress_checker
     moved_m, turned_rad = math.hypot(m.odom_x - m.base_x, m.odom_y - m.base_y), wrapped(m.odom_yaw - m.base_yaw)
     if moved_m > checker.required_movement_radius or abs(turned_rad) > checker.required_movement_angle:
@@ -143,6 +132,18 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
     n, end_yaw = local_plan(p, m, local.window, route.path, route.ahead)
     if n == 0:
         _control_failed(p, m, route.goals, controller, INVALID_PATH)
+        return
+    # Nav2 computes a command first, too; here the noise that this would draw changes all later legs of a mission.
+    if _goal_reached(p, m):
+        reset(controller)
+        order(m, 0.0, 0.0)
+        m.controller_code = 0
+        note(m, state.EVENT_GOAL_REACHED, m.goal, 0.0)
+        if p.mission == state.FOLLOW_WAYPOINTS:
+            m.until = m.tick + round(p.waypoint_follower.waypoint_pause_duration * 1e-3 / TICK_S)
+            _next_waypoint(p, m, route.goals)
+        else:
+            m.state, m.status = state.ENDED, state.SUCCEEDED
         return
     valid, v, w, vy = _controlled(p, m, local, route, n, end_yaw, controller)
     if valid:

@@ -220,8 +220,9 @@ def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costma
         reader.fixed(
             (*node, "rolling_window"),
             declared_defaults()[node[-2]]["rolling_window"].default,
-            "Nav2's window stays where odometry began, and its controller fails when the robot leaves it",
-            "here the window moves with the robot",
+            "Nav2's window stays where odometry began, with its corner at origin_x, origin_y (0 where left out), and a path that"
+            " leads out of it ends the mission (INVALID_PATH)",
+            "here the window moves with the robot, and such missions go on",
         )
     layers = _layers(reader, [each for each in listed if not _is_filter(each)])
     used = [*layers.values(), *(each for each in filters if each.place not in reader.unused)]

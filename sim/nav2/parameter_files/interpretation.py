@@ -396,7 +396,7 @@ Area = TypeVar("Area", MonitorZone, CollisionMonitor)
 
 
 def _counted(reader: Reader, area: Area, place: ParameterLocation, scan: ParameterLocation) -> Area | None:
-    """Return an area with the points of the scan that it takes; None, with a warning, if the scan is none of its sources.
+    """Return an area with its least number of beams; None if the scan is none of its sources.
 
     Nav2 counts a point as often as `sources_names` of the area and the node's `observation_sources` name its source.
     """

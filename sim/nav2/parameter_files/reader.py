@@ -303,7 +303,11 @@ class Reader:
 
 
 class Used(NamedTuple):
-    """A name in a list of plug-ins: the place of its parameters, that in the list, the whole list, and whether Nav2's tree finds it."""
+    """A name in a list of plug-ins: the place of its parameters, that in the list, and the whole list.
+
+    Attributes:
+        is_found: Whether the behavior tree finds it.
+    """
 
     place: ParameterLocation
     listed: ParameterLocation
