@@ -341,3 +341,16 @@ def test_long_robot_does_not_turn_between_narrow_walls():
     assert valid
     assert v_mps > 0.02
     assert abs(w_radps) < 0.3
+
+
+@each_row("regenerate", [False, True])
+def test_noise_is_kept_between_cycles_where_it_is_not_regenerated(regenerate):
+    """Nav2 draws it at the start and at each reset (nav2_mppi_controller, noise_generator.cpp of 1.3.12)."""
+    controller, starts = Alone(SMALL.with_values(regenerate_noises=regenerate)), []
+    for cycle in range(4):
+        assert controller.command(straight())[0]
+        starts.append(int(controller.memory.kept_noise[0]))
+        if cycle == 2:
+            controller.reset()
+    assert len({*starts[:3]}) == (3 if regenerate else 1)
+    assert starts[3] != starts[2]
