@@ -6,13 +6,10 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
-from vastflow.oracles.judgement.verdict import Verdict
-from vastflow.oracles.observation.situation import Situation
-from vastflow.oracles.observation.trace import Trace
+from vastflow.plugins import Oracle, OracleParameters, Situation, Trace, Verdict
 
 
-class StaysBelowCapacityParameters(Parameters):
+class StaysBelowCapacityParameters(OracleParameters):
     """Parameters of `StaysBelowCapacity`.
 
     Attributes:

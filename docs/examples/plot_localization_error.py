@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from vastflow.flows import execute, instantiate, observe
+from vastflow import execute, instantiate, observe
 
 configurations = instantiate("campaigns/quickstart/quickstart.vast")
 traces = observe(execute(configurations, runs=2, only="sensor-noise"))

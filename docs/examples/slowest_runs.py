@@ -1,6 +1,6 @@
 """List the runs that took longest for their distance, with the command that replays each."""
 
-from vastflow.flows import run_campaign
+from vastflow import run_campaign
 
 result = run_campaign("campaigns/quickstart/quickstart.vast", runs=2, only="sensor-noise")
 runs = result.frame()

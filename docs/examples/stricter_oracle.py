@@ -1,6 +1,6 @@
 """Judge recorded runs by a stricter safety oracle; no run is executed again."""
 
-from vastflow.flows import execute, instantiate, judge, observe
+from vastflow import execute, instantiate, judge, observe
 
 configurations = instantiate("campaigns/quickstart/quickstart.vast")
 traces = observe(execute(configurations, runs=2, only="clutter"))

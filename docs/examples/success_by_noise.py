@@ -1,6 +1,6 @@
 """Run a part of the quickstart and print the rate of passed runs of each noise level."""
 
-from vastflow.flows import run_campaign
+from vastflow import run_campaign
 
 result = run_campaign("campaigns/quickstart/quickstart.vast", runs=2, only="sensor-noise")
 runs = result.frame()

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import yaml
 
-from vastflow.flows import instantiate
+from vastflow import instantiate
 
 campaign = {
     "version": 1,

@@ -7,6 +7,7 @@ imported inside the commands.
 import gc
 import signal
 import sys
+import warnings
 from importlib.metadata import EntryPoint, entry_points
 from importlib.metadata import version as version_of
 from typing import Annotated, Any, Final
@@ -108,6 +109,8 @@ app.add_typer(scenario, name="scenario")
 def main() -> None:
     """Run the command that the arguments name."""
     return_freed_memory()
+    # Python shows none that a module raises, and a plug-in is one.
+    warnings.filterwarnings("default", r"vastflow\.", DeprecationWarning)
     try:
         with few_collections():
             app()

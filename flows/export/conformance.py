@@ -21,7 +21,7 @@ def check_format(chosen: Format) -> None:
 
 
 def check_files(chosen: Format) -> None:
-    """Check that it gives each file once, at a place inside the folder, with bytes or the path of a file as content."""
+    """Check that it yields each file once, inside the folder, with bytes or a path as content."""
     name = type(chosen).__name__
     for campaign in sample_campaigns():
         taken: set[str] = set()
@@ -60,7 +60,7 @@ CHECKS: Final[tuple[Callable[[Format], None], ...]] = (check_files, check_determ
 
 
 def sample_campaigns() -> tuple[ExportedCampaign, ...]:
-    """Return an empty campaign, and one with a run of each kind, a duplicate, and what no name of a file or text in XML may be."""
+    """Return an empty campaign, and one with runs of all kinds, a duplicate, and texts that XML lacks."""
     log = RunLog(1_700_000_000.0, 0.5, 0.4, 4096, ("0.1 s: \x00 begun",))
     verdict = {"oracle": "success", "judgement": "pass", "reason": "", "metrics": {"time": {"value": 7.5, "unit": "s"}}}
     failed = {"oracle": "näh<e>", "judgement": "fail", "reason": 'a "box"\n& a wall', "metrics": {}}

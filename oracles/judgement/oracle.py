@@ -14,12 +14,13 @@ from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
 from vastflow.sim.plug_ins.snapshot import Snapshot
 
 
-class Parameters(BaseModel):
+class OracleParameters(BaseModel):
     """Base of parameter models: unknown keys are faults, values are frozen."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+Parameters = OracleParameters
 P = TypeVar("P", bound=Parameters)
 
 

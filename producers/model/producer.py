@@ -29,7 +29,7 @@ MOST_UNTOLD: Final = 100_000
 """Choices for one input of a producer that does not say how many there are."""
 
 
-class Parameters(BaseModel):
+class ProducerParameters(BaseModel):
     """Base of every producer's parameter model: unknown keys are faults, values don't change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
@@ -39,6 +39,7 @@ class Parameters(BaseModel):
     elsewhere."""
 
 
+Parameters = ProducerParameters
 P = TypeVar("P", bound=Parameters)
 
 

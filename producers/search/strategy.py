@@ -67,7 +67,7 @@ class Evaluation:
 GROUP: Final = "vastflow.strategies"
 
 
-class Parameters(BaseModel):
+class StrategyParameters(BaseModel):
     """Base of every strategy's parameter model: unknown keys are faults, values don't change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
@@ -99,6 +99,7 @@ class Cell:
     evaluation: Evaluation
 
 
+Parameters = StrategyParameters
 P = TypeVar("P", bound=Parameters)
 
 

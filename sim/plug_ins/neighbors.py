@@ -13,6 +13,7 @@ from typing import Final
 
 from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.files import Unreadable, read_bytes
+from vastflow.surface import SURFACES
 
 FILES: Final = "files"
 """Name under which a class, or a notebook at its top, declares the data files it reads."""
@@ -115,7 +116,7 @@ def _content(file: Path) -> bytes:
 def imports_of(nodes: list[ast.AST], package: str) -> Iterator[str]:
     """Yield the names of all imports in a module of `package`, also inside functions and in calls with a literal.
 
-    Of `from a import b` both `a` and `a.b`.
+    Of `from a import b` both `a` and `a.b`, or `a.b` alone where `a` is the flat surface.
     """
     inside = package.split(".") if package else []
     for node in nodes:
@@ -124,7 +125,7 @@ def imports_of(nodes: list[ast.AST], package: str) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom):
             base = inside[: len(inside) - node.level + 1] if node.level else []
             base += [node.module] if node.module else []
-            if base:
+            if base and ".".join(base) not in SURFACES:  # of which only the names count that are taken
                 yield ".".join(base)
             yield from (".".join([*base, alias.name]) for alias in node.names if alias.name != "*" or base)
         elif isinstance(node, ast.Call) and node.args and isinstance(first := node.args[0], ast.Constant):

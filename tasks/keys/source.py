@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.sim.model.digest import digest, file_digest
+from vastflow.sim.plug_ins import neighbors
 from vastflow.sim.plug_ins.loading import distributions, snapshot_behind
-from vastflow.sim.plug_ins.neighbors import imports_of
 from vastflow.sim.plug_ins.snapshot import Snapshot
+from vastflow.surface import origins
 from vastflow.tasks.keys import code_digest
 from vastflow.tasks.keys.code_digest import Module, SourceCache, source_cache_file, tree_digest
 from vastflow.tasks.store.source_files import SourceFiles, source_files
@@ -99,7 +100,9 @@ class SourceTree:
     ) -> None:
         self._packages = dict(packages)
         self._files = dict(files or {})
-        self._cache = SourceCache(cache, [Path(__file__), Path(code_digest.__file__)])
+        self._cache = SourceCache(
+            cache, [Path(module) for module in (__file__, code_digest.__file__, neighbors.__file__)]
+        )
         self._read: dict[Path, Module] = {}
         self._places: dict[str, Path | None] = {}
         self._codes: dict[tuple[str, ...], Code] = {}
@@ -210,7 +213,8 @@ class SourceTree:
             if name in found or file is None:
                 continue
             found[name] = self._module(name, file)
-            used = (imported for imported in found[name].imports if not _only_reads(name, imported))
+            meant = (origin for imported in found[name].imports for origin in origins(imported))
+            used = (imported for imported in meant if not _only_reads(name, imported))
             waiting += [part for imported in used for part in _with_parents(imported)]
         return found
 
@@ -291,7 +295,7 @@ def folders_of(packages: Iterable[str]) -> dict[str, Path]:
 def _module_of(content: bytes, package: str) -> Module:
     tree = ast.parse(content)
     nodes = list(ast.walk(tree))
-    return Module(tree_digest(tree), frozenset(imports_of(nodes, package)), frozenset(_data_packages(nodes)))
+    return Module(tree_digest(tree), frozenset(neighbors.imports_of(nodes, package)), frozenset(_data_packages(nodes)))
 
 
 def _data_packages(nodes: Iterable[ast.AST]) -> Iterator[str]:

@@ -17,7 +17,7 @@ from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.recording import Outputs, Recording, Run
 
-NAMES = """from vastflow.flows.export.format import ExportedCampaign, Format
+NAMES = """from vastflow.plugins import ExportedCampaign, Format
 
 
 class Names(Format):
@@ -91,7 +91,7 @@ def test_format_is_refused_in_a_sentence(results, tmp_path, monkeypatch, name, w
 )
 def test_format_that_breaks_while_it_writes_leaves_nothing(results, tmp_path, monkeypatch, line, words):
     (tmp_path / "own.py").write_text(
-        f'from vastflow.flows.export.format import Format\n\nclass Own(Format):\n    def files(self, campaign):\n        yield "a", b""\n        {line}\n'
+        f'from vastflow.plugins import Format\n\nclass Own(Format):\n    def files(self, campaign):\n        yield "a", b""\n        {line}\n'
     )
     monkeypatch.chdir(tmp_path)
     assert words in refused("export", results, "out", "--format", "own.py:Own")

@@ -18,7 +18,7 @@ import installed
 ROOT = Path(__file__).parents[2]
 LAYERS = ("deployments", "flows", "oracles", "producers", "sim", "tasks")
 DATA = (
-    "vastflow/__init__.py",
+    *(f"vastflow/{name}.py" for name in ("__init__", "plugins", "surface")),
     "vastflow/py.typed",
     "vastflow/sim/scenario/language/grammar.lark",
     "vastflow/sim/scenario/language/library/nav2.osc",
