@@ -20,7 +20,8 @@ from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic, models, register_model
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.numeric import addressed, unkept
+from vastflow.sim.kernels.content import spelled
+from vastflow.sim.kernels.numeric import addressed
 from vastflow.sim.kernels.plug_in import ContractError, line_of
 from vastflow.sim.kernels.record import record_of
 from vastflow.sim.model.parameter import ParameterGroup
@@ -91,8 +92,7 @@ class Seam:
         layout = Layout(parameters, memory, kernels[0].signature.return_type)
         given = {self._main: (self._given,)}
         entries = [
-            _compiled_for(_compiler(entry, kind.__module__.startswith("vastflow.")), (layout, *given.get(name, ())))
-            for name, entry in self._entries.items()
+            _compiled_for(_compiler(entry), (layout, *given.get(name, ()))) for name, entry in self._entries.items()
         ]
         return list(map(_address_of, kernels)), list(map(_address_of, entries))
 
@@ -117,10 +117,7 @@ class Seam:
         return compiled
 
 
-@functools.cache
-def _compiler(entry: Callable[..., Any], kept: bool) -> Any:
-    """Return the compiler of an entry, without a cache for types that another process may not know."""
-    return addressed(entry) if kept else unkept(entry)
+_compiler = functools.cache(addressed)
 
 
 def _structure(memory: Any) -> Any:
@@ -137,7 +134,7 @@ class Layout(types.Type):  # type: ignore[misc]  # numba has no types
         self.parameters = parameters
         self.memory = memory
         self.result = result
-        super().__init__(name=f"Layout({parameters}, {memory}, {result})")
+        super().__init__(name=f"Layout({parameters}, {spelled(memory)}, {result})")
 
     @property
     def key(self) -> Any:
@@ -259,6 +256,6 @@ def _address_of(compiled: Any) -> int:
     return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
 
 
-@unkept
+@addressed
 def _change_nothing(memory: Any) -> None:
     pass

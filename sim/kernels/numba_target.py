@@ -41,6 +41,8 @@ from numba.core.target_extension import CPU, dispatcher_registry, jit_registry, 
 from numba.core.types.misc import unliteral
 from numba.core.utils import threadsafe_cached_property
 
+from vastflow.sim.kernels.content import content_of, spelled
+
 TARGET: Final = "vastflow"
 """numba's name of the target: what is decorated with `jit(_target=TARGET)` is compiled for it."""
 
@@ -220,7 +222,7 @@ class KernelCache(NullCache):  # type: ignore[misc]  # numba has no types
     """A kernel's compiled forms, each in a file with a checksum behind its content.
 
     A file's name tells the kernel, the types, and the processor. Of the kernel's source it tells the code alone: what else may
-    change a form of the simulator's own kernels is in the folder's name, other files are told by size and time of the last change.
+    change a form of the simulator's own kernels is in the folder's name. A plug-in's is told by its content.
 
     Args:
         function: The kernel as Python has it, from a file.
@@ -228,34 +230,40 @@ class KernelCache(NullCache):  # type: ignore[misc]  # numba has no types
     """
 
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
-        file, code = Path(function.__code__.co_filename), function.__code__
-        state = None if file.is_relative_to(_OWN) else file.stat()
+        code = function.__code__
         self._folder, self._name = folder, f"{function.__module__}.{function.__qualname__}".replace(".<locals>", "")
-        outside = () if state is None else (str(file), state.st_size, state.st_mtime_ns)
-        self._source = (sys.implementation.cache_tag, code.co_firstlineno, code.co_code, *outside)
+        self._function = None if Path(code.co_filename).is_relative_to(_OWN) else function
+        self._source = (sys.implementation.cache_tag, code.co_firstlineno, code.co_code)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled kernel of a signature, or None if it is missing or damaged."""
         target_context.refresh()
-        content = _sound(self._file(sig, target_context.codegen()))
+        file = self._file(sig, target_context.codegen())
+        content = None if file is None else _sound(file)
         return None if content is None else CompileResult._rebuild(target_context, *pickle.loads(content))
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the compiled kernel of a signature; if that is impossible, every process compiles its own."""
-        if data.lifted or data.library.has_dynamic_globals:
+        file = self._file(sig, data.codegen)
+        if data.lifted or data.library.has_dynamic_globals or file is None:
             return
         content, part = dumps(data._reduce()), self._folder / uuid.uuid4().hex
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             part.write_bytes(content + hashlib.sha256(content).digest())
-            part.replace(self._file(sig, data.codegen))
+            part.replace(file)
         except OSError as error:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
             _log_that_nothing_is_kept(str(self._folder), str(error.strerror))
 
-    def _file(self, sig: Any, codegen: Any) -> Path:
-        key = hashlib.sha256(str((sig, codegen.magic_tuple(), self._source)).encode())
+    def _file(self, sig: Any, codegen: Any) -> Path | None:
+        """Return the file of a signature's compiled kernel; None if nothing tells when it is out of date."""
+        # Now, as numba takes values of a plug-in's module when it compiles.
+        content = content_of(self._function) if self._function else ""
+        if content is None:
+            return None
+        key = hashlib.sha256(str((*map(spelled, sig), codegen.magic_tuple(), self._source, content)).encode())
         return self._folder / f"{self._name}.{key.hexdigest()[:16]}.nbc"
 
 

@@ -18,6 +18,7 @@ from vastflow.sim.kernels.numba_target import TARGET, KernelCache
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+_HAS_KERNELS: Final = re.compile(r"vastflow\.sim\.kernels\.(numeric import|plug_in import (?:\([^)]*|.*)\bkernel\b)")
 _IMPORT: Final = re.compile(r"^from (vastflow\.sim[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 
 
@@ -25,7 +26,7 @@ def kernel_sources() -> list[Path]:
     """Modules with kernels and the modules of `sim` that they import: all sources of compiled code."""
     root = Path(__file__).parents[1]
     text = {module: module.read_text("utf-8") for module in sorted(root.rglob("*.py"))}
-    waiting = [module for module in text if "vastflow.sim.kernels.numeric import" in text[module]] + [Path(__file__)]
+    waiting = [module for module in text if _HAS_KERNELS.search(text[module])] + [Path(__file__)]
     found: set[Path] = set()
     while waiting:
         module = waiting.pop()
@@ -67,7 +68,7 @@ _compile_inner = numba.njit(**OPTIONS, _target=TARGET, no_cpython_wrapper=True, 
 
 def njit(function: Function) -> Function:
     """Compile a kernel that Python calls, or kernels and Python both."""
-    return _own(_compile(function), function)
+    return _kept(_compile(function), function)
 
 
 def inner(function: Function) -> Function:
@@ -78,17 +79,12 @@ def inner(function: Function) -> Function:
 
 
 def addressed(function: Function) -> Function:
-    """Compile a kernel that is called by its address."""
-    return _own(_compile_inner(function), function)
+    """Compile a kernel that is called by its address, of vastflow or of a plug-in."""
+    return _kept(_compile_inner(function), function)
 
 
-def unkept(function: Function) -> Function:
-    """Compile a plug-in's kernel in each process, because nothing tells when a cached one is out of date."""
-    return cast("Function", _compile_inner(function))
-
-
-def _own(dispatcher: Any, function: Function) -> Function:
-    dispatcher.is_own = True
+def _kept(dispatcher: Any, function: Function) -> Function:
+    dispatcher.is_own = Path(function.__code__.co_filename).is_relative_to(Path(__file__).parents[1])
     if Path(function.__code__.co_filename).is_file() and function.__closure__ is None:
         dispatcher._cache = KernelCache(function, _FOLDER)
     return cast("Function", dispatcher)

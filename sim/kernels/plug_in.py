@@ -14,10 +14,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def kernel(function: Function) -> Function:
-    """Compile a function as the simulator's own kernels are compiled: for the same processor, with IEEE arithmetic."""
-    from vastflow.sim.kernels.numeric import unkept  # who only reads parameters does without numba
+    """Compile a function as the simulator's own kernels are: for the same processor, with IEEE arithmetic, once for all processes."""
+    from vastflow.sim.kernels.numeric import addressed  # who only reads parameters does without numba
 
-    return unkept(function)
+    return addressed(function)
 
 
 class ContractError(ValueError):

@@ -8,12 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
+from numba import types
 from table import each_row
 
 import vastflow
-from vastflow.sim.kernels import numeric
+from vastflow.sim.kernels import content, numeric
 
 
 def double(x):
@@ -70,18 +72,88 @@ def test_damaged_kernels_are_compiled_again_with_one_line_in_the_log(files, dama
     assert caplog.records == []
 
 
-def test_kernel_is_compiled_again_when_its_file_has_changed(files, tmp_path, monkeypatch):
-    file = tmp_path / "tripled.py"
+SCALED = """import math
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+
+from vastflow.plugins import kernel, wrapped
+
+FACTOR, TABLE, OTHER = 3.0, np.array([1.0, 2.0]), SimpleNamespace(gain=1.0)
+
+class Memory(NamedTuple):
+    first: float
+    second: float
+
+@kernel
+def table(x):
+    return x * TABLE[1]
+
+def plain(x):
+    return x + 1.0
+
+@kernel
+def scale(x, memory):
+    return math.floor(wrapped(FACTOR) + table(x)) + memory.first
+"""
+
+
+@pytest.fixture
+def scaled(files, tmp_path, monkeypatch):
+    """Compiles the kernel `scale` of a plug-in as a process that starts now does; whether it was compiled before."""
     monkeypatch.syspath_prepend(tmp_path)
 
-    def compiled(text):
-        file.write_text(text)
-        sys.modules.pop("tripled", None)
-        kernel = numeric.njit(importlib.import_module("tripled").triple)
-        return kernel(2), hits(kernel)
+    def scaled(old="import", new="import"):
+        assert old in SCALED
+        (tmp_path / "scaled.py").write_text(SCALED.replace(old, new))
+        importlib.invalidate_caches()
+        sys.modules.pop("scaled", None)
+        module = importlib.import_module("scaled")
+        kernel = module.scale
+        kernel.compile((types.float64, numba.typeof(module.Memory(1.0, 2.0))))
+        assert isinstance(kernel.stats.cache_hits, dict)
+        return hits(kernel) == 1
 
-    text = "def triple(x):\n    return 3 * x\n"
-    assert [compiled(text), compiled(f"{text}\nFACTOR = 3\n")] == [(6, 0), (6, 0)]
+    return scaled
+
+
+@each_row(
+    ("old", "new", "is_same"),
+    [
+        ("return x + 1.0", "return x + 2.0", True),  # which it does not call
+        ("kernel, wrapped\n", "kernel, wrapped  # a comment\n", True),
+        ("FACTOR, TABLE, OTHER = 3.0", "FACTOR, TABLE, OTHER = 4.0", False),
+        ("[1.0, 2.0]", "[1.0, 3.0]", False),
+        ("x * TABLE[1]", "x + TABLE[1]", False),
+        ("x * TABLE[1]", "x * TABLE[0]", False),
+        ("math.floor(", "math.ceil(", False),
+        ("first: float\n    second: float", "second: float\n    first: float", False),
+    ],
+)
+def test_plug_in_kernel_is_loaded_until_its_content_changes(scaled, old, new, is_same):
+    text = (old, new)
+    scaled()
+    assert scaled()
+    assert scaled(*text) == is_same
+    assert scaled(*text)
+
+
+def test_plug_in_kernel_with_value_of_unknown_content_is_not_kept(tmp_path):
+    names = {"settings": {"gain": 2.0}, "gain": 2.0}
+    known, unknown = (eval(f"lambda x: x * {name}", names) for name in ("gain", "settings"))
+    assert content.content_of(known) is not None
+    assert content.content_of(unknown) is None
+
+
+def test_built_in_plug_in_may_be_compiled_by_decorator_of_plug_ins(copied):
+    before = numeric.kernel_cache_dir()
+    for line in (
+        "from vastflow.sim.kernels.plug_in import kernel",
+        "from vastflow.sim.kernels.plug_in import (\n    kernel,\n)",
+    ):
+        (copied / "nav2/planners/new.py").write_text(f"{line}\n")
+        assert numeric.kernel_cache_dir() != before
 
 
 def test_kernel_cache_warns_once_when_folder_is_not_writable(files, tmp_path, caplog):
