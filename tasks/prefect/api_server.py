@@ -7,31 +7,62 @@ Prefect's own temporary server outlives a killed flow, and dies of the flow's Ct
 import contextlib
 import gc
 import os
+import re
 import socket
 import sqlite3
 import sys
+import tempfile
 import threading
 from datetime import datetime
+from importlib.metadata import version
+from importlib.resources import files
 from pathlib import Path
 from typing import Final
 from urllib.parse import unquote
 
-from vastflow.tasks.prefect.adapter import SERVER_APPLICATION, database_url
+from vastflow.tasks.prefect.adapter import SERVER_APPLICATION, database_url, expect_one_application, migrating_at_start
 
 _SQLITE: Final = "sqlite+aiosqlite:///"
+_OF_SCHEMA: Final = re.compile(r"Prefect (\S+) at revision (\w+)")
 
 
-def set_aside_if_damaged(connection_url: str, now: datetime) -> str | None:
-    """Rename a database that SQLite can't read, so that Prefect makes a new one.
+def database_file(connection_url: str) -> Path | None:
+    """Return the file of a database; None for one that is none."""
+    place = connection_url.removeprefix(_SQLITE).partition("?")[0]
+    return None if place == connection_url or place.startswith(":") else Path(unquote(place))
+
+
+def make_database(database: Path) -> bool:
+    """Make a missing database from the shipped schema, as Prefect's migrations take 6 CPU-s.
 
     Returns:
-        A sentence about it; None for a sound database, and for one that is no file.
+        True if the database needs no migration by the installed Prefect.
     """
-    place = connection_url.removeprefix(_SQLITE).partition("?")[0]
-    database = Path(unquote(place))
-    if place == connection_url or not database.is_file():
-        return None
-    if (damage := _damage(database)) is None:
+    schema = files("vastflow.tasks.prefect").joinpath("schema.sql").read_text(encoding="utf-8")
+    release, revision = _OF_SCHEMA.findall(schema)[0]
+    if not database.exists():
+        database.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=database.parent, prefix=database.name) as folder:
+            new = Path(folder, "new")
+            with contextlib.closing(sqlite3.connect(new)) as connection:
+                connection.executescript(schema)
+            with contextlib.suppress(FileExistsError):  # another server was faster
+                os.link(new, database)
+    try:
+        with contextlib.closing(sqlite3.connect(database, timeout=1.0)) as connection:
+            found = connection.execute("select version_num from alembic_version").fetchall()
+    except sqlite3.Error:
+        return False
+    return found == [(revision,)] and version("prefect") == release
+
+
+def set_aside_if_damaged(database: Path, now: datetime) -> str | None:
+    """Rename a database that SQLite can't read.
+
+    Returns:
+        A sentence about it; None for a sound database.
+    """
+    if not database.is_file() or (damage := _damage(database)) is None:
         return None
     aside = database.with_name(f"{database.name}.damaged-{now:%Y-%m-%d-%H%M%S}")
     for suffix in ("", "-wal", "-shm"):
@@ -57,9 +88,12 @@ def main() -> None:
     gc.disable()  # until all is imported, which leaves no garbage: looking for some takes an eighth of the start
     threading.Thread(target=_end_with_parent, daemon=True).start()
     connection_url = database_url()
-    found = set_aside_if_damaged(connection_url, datetime.now()) if connection_url else None
-    if found:
-        print(found, flush=True)
+    database, current = database_file(connection_url or ""), False
+    if database is not None:
+        if found := set_aside_if_damaged(database, datetime.now()):
+            print(found, flush=True)
+        with contextlib.suppress(OSError):  # Prefect says what is wrong
+            current = make_database(database)
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     if os.name == "posix":  # elsewhere this means that two may listen at once
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # the port of one that was killed just now
@@ -76,10 +110,12 @@ def main() -> None:
         lifespan="on",
         timeout_graceful_shutdown=1,
     )
+    expect_one_application()
     config.load()
     gc.freeze()
     gc.enable()
-    uvicorn.Server(config).run(sockets=[listener])
+    with migrating_at_start(not current):
+        uvicorn.Server(config).run(sockets=[listener])
 
 
 def _end_with_parent() -> None:
