@@ -158,7 +158,7 @@ class Trials:
                 raise Lost(f"results of {name}")
             runs = found.configuration.runs
             self.run.tally.begin("running")
-            self.compute(missing_shards([found.configuration], {name}))
+            self.compute(missing_shards([found.configuration], {name: found.missing_runs}))
             engine.check()
 
 

@@ -120,7 +120,7 @@ def computed(
     while due:
         computing.tally.begin("running")
         before = {each.configuration.name: each.configuration.runs for each in due}
-        compute(due, missing_shards(cut, before))
+        compute(due, missing_shards(cut, {each.configuration.name: each.missing_runs for each in due}))
         engine.check()
         judged = replace(judged, found={**judged.found, **engine.scan([each.configuration for each in due])})
         # Incomplete configurations are not scheduled again.

@@ -219,7 +219,7 @@ def _computed(
             if missing:
                 if stage == "execute":
                     run.engine.begin(missing)
-                shards = missing_shards(executed, {each.configuration.name for each in missing})
+                shards = missing_shards(executed, {each.configuration.name: each.missing_runs for each in missing})
                 with suppress(Lost):
                     run.run_alone(partial(mapped, shards, found))
                 found, missing = scanned()

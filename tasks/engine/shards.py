@@ -1,6 +1,6 @@
 """Shards: configurations or evaluations that one Prefect task run computes. Prefect itself is not needed here."""
 
-from collections.abc import Container, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from vastflow.tasks.engine.evaluation import PackedProducer
@@ -10,6 +10,9 @@ from vastflow.tasks.keys.keys import Keys
 
 MOST_TASK_RUNS: Final = 100
 """Maximum number of task runs of a stage: Prefect's recorder loses rows silently in the thousands."""
+
+LEAST_RECORDED: Final = 16
+"""Configurations of a shard of which all runs are recorded: Prefect spends more on a task run than judging some of them takes."""
 
 MOST_NAMED: Final = 5
 """Configurations or keys that a task run names."""
@@ -69,13 +72,26 @@ def _few(names: Sequence[str], count: int, unit: str) -> str:
     return f"{', '.join(names[:MOST_NAMED])}{more}, {count} {unit}{'s'[: count != 1]}"
 
 
-def shard_ranges(count: int) -> list[range]:
-    """Return consecutive ranges of about equal size, at most `MOST_TASK_RUNS`, that have `count` positions together."""
-    size = max(-(-count // MOST_TASK_RUNS), 1)
+def shard_ranges(count: int, least: int = 1) -> list[range]:
+    """Return consecutive ranges of about equal size, at most `MOST_TASK_RUNS`, that have `count` positions together.
+
+    Args:
+        least: Positions of each range, if there are so many.
+    """
+    size = max(-(-count // MOST_TASK_RUNS), least)
     return [range(start, min(start + size, count)) for start in range(0, count, size)]
 
 
-def missing_shards(configurations: Sequence[ConfigurationRuns], incomplete: Container[str]) -> list[Shard]:
-    """Return shards of the configurations whose names are among the `incomplete` ones."""
-    chosen = [configuration for configuration in configurations if configuration.name in incomplete]
-    return [Shard(chosen[part.start : part.stop]) for part in shard_ranges(len(chosen))]
+def missing_shards(configurations: Sequence[ConfigurationRuns], missing_runs: Mapping[str, int]) -> list[Shard]:
+    """Return shards of the incomplete configurations.
+
+    Args:
+        missing_runs: Number of runs to execute by name of incomplete configurations; 0 where only observing or judging is due.
+    """
+    recorded = [each for each in configurations if missing_runs.get(each.name) == 0]
+    absent = [each for each in configurations if missing_runs.get(each.name)]
+    return [
+        Shard(chosen[part.start : part.stop])
+        for chosen, least in ((recorded, LEAST_RECORDED), (absent, 1))
+        for part in shard_ranges(len(chosen), least)
+    ]

@@ -30,6 +30,11 @@ def square(x):
     return x * x
 
 
+def process_of(took_s):
+    time.sleep(took_s)
+    return os.getpid()
+
+
 def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 
@@ -112,6 +117,16 @@ def test_pool_starts_all_workers_for_many_jobs(tmp_path, monkeypatch):
         rest = [pool.submit(square, x, priority=Priority.EXECUTE) for x in range(MANY * 2)]
         assert [job.result(120) for job in met] == [True, True]
         assert [job.result(120) for job in rest] == [x * x for x in range(MANY * 2)]
+    finally:
+        pool.close()
+
+
+def test_pool_keeps_one_worker_for_many_judgings(tmp_path, monkeypatch):
+    monkeypatch.setattr(pool_module, "WAITS_S", 1000.0)
+    pool = Pool(2)
+    try:
+        jobs = [pool.submit(process_of, 0.05, priority=Priority.JUDGE) for _ in range(MANY * 8)]
+        assert len({job.result(120) for job in jobs}) == 1
     finally:
         pool.close()
 
