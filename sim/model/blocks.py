@@ -46,7 +46,7 @@ def write_block(rows: Sequence[Mapping[str, Any]], columns: Sequence[Columns]) -
     index = np.repeat(np.array([row[RUN_INDEX] for row in rows], dtype=np.int32), lengths)
     stored = dict(_stored(name, np.concatenate([run[name] for run in columns])) for name in names)
     encodings = {name: "BYTE_STREAM_SPLIT" if _parted(name)[1] else "PLAIN" for name in stored}
-    table = pa.table({RUN_INDEX: index, **stored})
+    table = pa.table({name: _column(values) for name, values in {RUN_INDEX: index, **stored}.items()})
     out = io.BytesIO()
     with pq.ParquetWriter(
         out,
@@ -95,6 +95,11 @@ def write_recordings(recordings: Sequence[Recording]) -> bytes:
 def read_recordings(block: Block) -> list[Recording]:
     """Read the recordings of a block."""
     return [Recording(run_of(row), columns) for row, columns in read_block(block)]
+
+
+def _column(values: NDArray[np.int32]) -> pa.Array:
+    """Return values as pyarrow has them, which would import pandas to look at them."""
+    return pa.Array.from_buffers(pa.int32(), len(values), [None, pa.py_buffer(np.ascontiguousarray(values, np.int32))])
 
 
 def array_of(column: Any) -> NDArray[Any]:

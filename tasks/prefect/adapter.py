@@ -155,11 +155,17 @@ def sent_only(logger: str, worth_sending: Callable[[logging.LogRecord], bool]) -
 
 
 def unsent() -> int:
-    """Return the number of events that this process has still to send to Prefect's API."""
+    """Return the number of events that this process has still to send, or that Prefect's API has not confirmed.
+
+    Those of a broken connection are sent again, within half a minute where no others follow.
+    """
     from prefect.events.worker import EventsWorker
 
     workers: Any = EventsWorker
-    return sum(int(each._queue.unfinished_tasks) for each in tuple(workers._instances.values()))
+    instances = tuple(workers._instances.values())
+    clients = [getattr(each, "_client", None) for each in instances]
+    unconfirmed = sum(len(getattr(client, "_unconfirmed_events", ())) for client in clients)
+    return unconfirmed + sum(int(each._queue.unfinished_tasks) for each in instances)
 
 
 def end_services(timeout_s: float) -> None:

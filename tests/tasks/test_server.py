@@ -10,9 +10,14 @@ from types import SimpleNamespace
 import httpx
 import psutil
 import pytest
+from prefect import flow, task
 from prefect.client.orchestration import get_client
+from prefect.events.clients import PrefectEventsClient
+from prefect.runtime import flow_run
+from websockets.exceptions import ConnectionClosedError
 
 from vastflow.tasks.prefect import server as server_module
+from vastflow.tasks.prefect.adapter import end_services
 from vastflow.tasks.prefect.server import ApiServer, PrefectUnavailable, drain, embedded
 
 pytestmark = pytest.mark.timeout(900)
@@ -147,3 +152,46 @@ def test_draining_waits_while_events_are_sent_and_then_for_the_last_record(drain
 def test_draining_ends_where_nothing_is_recorded_any_more(drained, caplog, unsent):
     assert not drained(chain([0] * 10, repeat(1)), repeat(unsent))
     assert "Prefect recorded 1 of 3 task runs" in caplog.text
+
+
+class Deaf:
+    """A connection that swallows what is sent and then turns out to be closed."""
+
+    def __init__(self):
+        self.swallowed = 0
+
+    async def send(self, text):
+        self.swallowed += 1
+
+    async def ping(self):
+        raise ConnectionClosedError(None, None)
+
+
+def test_events_of_a_broken_connection_are_awaited_until_they_are_sent_again(tmp_path, prefect_home, monkeypatch):
+    monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
+    monkeypatch.setattr(server_module, "QUIET", 3)
+    interval = property(lambda self: 4.0, lambda self, given_s: None)
+    monkeypatch.setattr(PrefectEventsClient, "_checkpoint_interval", interval, raising=False)
+    shake, deaf = PrefectEventsClient._auth_handshake, Deaf()
+
+    async def shake_and_break(self):
+        await shake(self)
+        if not deaf.swallowed:
+            self._websocket = deaf
+
+    monkeypatch.setattr(PrefectEventsClient, "_auth_handshake", shake_and_break)
+
+    @flow(persist_result=False)
+    def two():
+        for k in range(2):
+            task(lambda k: k, name="one", persist_result=False)(k)
+        return drain(str(flow_run.id), 2)
+
+    server = ApiServer(tmp_path / "log")
+    try:
+        with embedded(server.url(), server.auth):
+            assert two()
+    finally:
+        end_services(1.0)
+        server.stop(0)
+    assert deaf.swallowed
