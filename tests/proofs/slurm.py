@@ -156,7 +156,10 @@ def proven(folder: Path, runs: int) -> bool:
     shared.mkdir()
     (shared / "script.py").write_text(page_script(lab.campaign, shared))
     most = called([sys.executable, "script.py"], shared, environment | {"SLURM_CONF": os.environ["SLURM_CONF"]})
-    wall_s, left = time.monotonic() - began_s, queued()
+    wall_s = time.monotonic() - began_s
+    # A canceled job takes a moment to complete.
+    while (left := queued()) and time.monotonic() < began_s + wall_s + START_S:
+        time.sleep(1)
     workers = sum("Registered to" in log.read_text() for log in (shared / "logs").glob("*.err"))
     end_all()
     mine, theirs = (next((each / "results").glob("killed-*")) for each in (here, shared))
