@@ -159,8 +159,7 @@ class Facets:
 
 def _facet_json(facet: Facet, chosen: Chosen, condition: Condition | None) -> dict[str, Any]:
     counts, column = chosen.of(facet), facet.column
-    own = {"kind": facet.kind, "numbers": column.levels is None}
-    told = {"name": column.name, "group": column.group, "unit": column.unit, **own}
+    told = {"name": column.name, "group": column.group, "unit": column.unit, "kind": facet.kind}
     if facet.kind == "numbers":
         ends = {"low": float(facet.edges[0]), "high": float(facet.edges[-1])}
         return {**told, **ends, "counts": counts[:BINS].tolist(), "missing": int(counts[BINS].sum())}
@@ -171,7 +170,7 @@ def _facet_json(facet: Facet, chosen: Chosen, condition: Condition | None) -> di
         order = np.union1d(order, [k for k, value in enumerate(facet.values) if value in asked]).astype(np.int64)
     rates = [None if math.isnan(rate) else rate for rate in chosen.rates(facet.cells[chosen.runs], facet.size).tolist()]
     shown = [{"value": facet.values[k], **_counts_json(counts[k]), "rate": rates[k]} for k in order.tolist()]
-    return {**told, "values": shown, "left_out": facet.size - len(order)}
+    return {**told, "numbers": column.levels is None, "values": shown, "left_out": facet.size - len(order)}
 
 
 def _counts(cells: NDArray[Any], verdict: NDArray[np.int8], n: int) -> NDArray[np.int64]:
