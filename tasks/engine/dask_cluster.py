@@ -83,6 +83,7 @@ class DaskCluster:
         self._client: Any = None
         self._error: ClusterError | None = None
         self._server: subprocess.Popen[bytes] | None = None
+        self._served = ""
         self._security: Any = None
         self._threads = 0
         self._before: Bundle | None = None
@@ -284,7 +285,7 @@ class DaskCluster:
                 return str(read_json(file)["address"]) if file.is_file() else self._address
             except (Unreadable, LookupError, TypeError):
                 raise ClusterError(f"--cluster: expected a file that a scheduler of Dask wrote, got {file}") from None
-        if self._server is None:
+        if self._server is None or self._server.poll() is not None:
             number = int(self._address.removeprefix(LOCAL))
             script = f"from {dask_worker.__name__} import serve; serve({number})"
             with open(self._log or os.devnull, "ab") as log:
@@ -295,12 +296,11 @@ class DaskCluster:
             assert self._server.stdin is not None
             self._server.stdin.write(pickle.dumps(self._security))
             self._server.stdin.flush()
-        assert self._server.stdout is not None
-        address = self._server.stdout.readline().decode().strip()
-        if not address:
+            assert self._server.stdout is not None
+            self._served = self._server.stdout.readline().decode().strip()
+        if not self._served:
             raise ClusterError(f"--cluster: {self._address} did not start, see {self._log}")
-        self._address = address
-        return address
+        return self._served
 
     def _watch(self, client: Any) -> None:
         """Count the workers that compute, as long as this client is in use, and free units of those that pause."""
@@ -319,10 +319,8 @@ class DaskCluster:
 
     def _no_worker(self, paused: int) -> str:
         if not paused:
-            return (
-                f"no worker at {self._address}. Start one, unless some are on their way: dask worker {self._address} --nthreads 1 "
-                "--dashboard-address 127.0.0.1:0"
-            )
+            command = f"dask worker {self._address} --nthreads 1 --dashboard-address 127.0.0.1:0"
+            return f"no worker at {self._address}. Start one, unless some are on their way: {command}"
         return (
             f"all workers at {self._address} ({paused}) are paused by Dask, as they use more memory than their limit allows. "
             "Start others, or these anew, with a higher --memory-limit or with --memory-limit 0."

@@ -312,6 +312,15 @@ def test_cpu_time_of_workers_elsewhere_includes_their_preparation(opened, tmp_pa
     assert 0.2 < executor.tally.elsewhere_cpu_s < 30.0
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(580)
+def test_local_cluster_whose_scheduler_died_is_started_again(opened):
+    executor = opened("local:1")
+    assert execute(executor, len, "ab").result(250) == 2
+    executor._server.kill()
+    assert execute(executor, len, "abc").result(250) == 3
+
+
 def test_cluster_without_worker_prints_command_during_instantiation_and_waits(opened, monkeypatch):
     monkeypatch.setattr(dask_cluster, "NO_WORKER_S", 1000.0)  # of workers that were there
     with distributed.LocalCluster(n_workers=0, processes=False, protocol="tcp", dashboard_address=":0") as empty:
