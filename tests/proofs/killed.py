@@ -1,9 +1,9 @@
 """Kill and pause processes at random points of a campaign, and check that nothing is lost or changed.
 
 A campaign, with `--robot` one in which a robot drives, is run once undisturbed. Then, for each point, it is run anew with an
-empty store, one of its processes is killed at a random time, and it is run or resumed to its end. One call kills in three
-settings, unless fewer are named: Prefect's API embedded; a real `prefect server start`, which comes back at once, after 5 s, or
-when the campaign has ended; and with that server a Dask cluster, whose workers execute the runs.
+empty store, one of its processes is killed at a random time, and it is run or resumed to its end. One call kills in four
+settings, unless fewer are named: Prefect's API embedded; that with `--cluster local:2`; a real `prefect server start`, which comes
+back at once, after 5 s, or when the campaign has ended; and with that server a Dask cluster, whose workers execute the runs.
 `killed_points.py` has the victims, and how points are spread over the time that a victim is there.
 
 At each point, afterwards:
@@ -120,12 +120,10 @@ def _died_and_gone_on(
     Args:
         crews: Gets what ends the cluster.
     """
-    with_cluster = point.setting == "cluster"
     for again in range(AGAIN):
-        place = Place(
-            lab, f"{re.sub(r'[ /]', '-', point.kind)}-{point.number}-{again}", api.url if api else None, with_cluster
-        )
-        crew = Crew(place) if with_cluster else None
+        name = f"{re.sub(r'[ /]', '-', point.kind)}-{point.number}-{again}"
+        place = Place(lab, name, api.url if api else None, point.setting)
+        crew = Crew(place) if point.setting == "cluster" else None
         if crew:
             crews.callback(crew.stop)
         life = place.begin()
@@ -330,17 +328,18 @@ def proven(
     whole, alone = undisturbed(lab)
     there: dict[Setting, dict[str, tuple[float, float]]] = {"embedded": alone}
     settings = {setting for setting, _ in kinds}
-    api = Api(folder / "api", lab.home) if settings - {"embedded"} else None
+    api = Api(folder / "api", lab.home) if settings & {"server", "cluster"} else None
     done = []
     try:
         if api:
             api.start()
-            there |= {setting: _there(lab, setting, api) for setting in sorted(settings - {"embedded"})}
+        own = {setting: None if setting == "local" else api for setting in sorted(settings - {"embedded"})}
+        there |= {setting: _there(lab, setting, of) for setting, of in own.items()}
         show("; ".join(f"{setting} starts for {times['flow'][1]:.1f} s" for setting, times in there.items()))
         show(HEADER)
         for point in points(seed, total, kinds, there):
             rng = random.Random(f"{seed} {point.kind} {point.number}")
-            killed(lab, point, rng, whole, api if point.setting != "embedded" else None)
+            killed(lab, point, rng, whole, own.get(point.setting))
             show(line(point))
             done.append(point)
             (folder / "points.json").write_text(as_json(seed, done))
@@ -353,11 +352,10 @@ def proven(
     return done
 
 
-def _there(lab: Lab, setting: Setting, api: Api) -> dict[str, tuple[float, float]]:
-    """Watch a campaign with a configured API, whose server and cluster outlive the flow."""
-    with_cluster = setting == "cluster"
-    place = Place(lab, f"watched-{setting}", api.url, with_cluster)
-    crew = Crew(place) if with_cluster else None
+def _there(lab: Lab, setting: Setting, api: Api | None) -> dict[str, tuple[float, float]]:
+    """Watch a campaign with a configured API or a cluster."""
+    place = Place(lab, f"watched-{setting}", api.url if api else None, setting)
+    crew = Crew(place) if setting == "cluster" else None
     try:
         return dict.fromkeys(VICTIMS[setting], watched(place)["flow"])
     finally:

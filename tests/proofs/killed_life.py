@@ -176,16 +176,17 @@ class Place:
 
     Args:
         api: Address of an API to be configured; without one each life has its own, embedded.
-        cluster: Whether workers of a Dask cluster execute the runs.
+        setting: With `cluster` or `local`, workers of a Dask cluster execute the runs.
     """
 
-    def __init__(self, lab: Lab, name: str, api: str | None = None, cluster: bool = False) -> None:
+    def __init__(self, lab: Lab, name: str, api: str | None = None, setting: str = "embedded") -> None:
         self.folder = lab.folder / name
         self.folder.mkdir()
         self.store, self.results = self.folder / "store", self.folder / "results"
         self.scheduler_file, self.database = self.folder / "scheduler.json", self.folder / "prefect" / "prefect.db"
         self.mark = uuid.uuid4().hex
-        self._lab, self.api, self._cluster = lab, api, cluster
+        self._lab, self.api = lab, api
+        self._cluster = {"cluster": str(self.scheduler_file), "local": f"local:{WORKERS}"}.get(setting)
         if lab.home.exists():
             shutil.copytree(lab.home, self.folder / "prefect")
 
@@ -214,7 +215,7 @@ class Place:
         asked = arguments or ("run", str(campaign or self._lab.campaign), "--results", str(self.results))
         options = ["--workers", str(WORKERS), "--json"]
         if self._cluster:
-            options += ["--cluster", str(self.scheduler_file)]
+            options += ["--cluster", self._cluster]
         return Life(self, ["vastflow.flows.cli", *asked, *options])
 
     def trace(self) -> list[dict[str, Any]]:
@@ -265,12 +266,17 @@ class Life:
         """Processes of this kind that live."""
         if kind == "flow":
             return [self.process] if self.process.poll() is None else []
-        said = {"worker": "loky.backend.popen_loky_posix", "server": "vastflow.tasks.prefect.api_server"}[kind]
+        said = {
+            "worker": ("loky.backend.popen_loky_posix", "multiprocessing.spawn"),
+            "server": ("vastflow.tasks.prefect.api_server",),
+            "scheduler": ("dask_worker import serve",),
+        }[kind]
         found = []
         with contextlib.suppress(psutil.Error):
-            for child in self.process.children():
+            for child in self.process.children(recursive=True):
                 with contextlib.suppress(psutil.Error):
-                    if said in " ".join(child.cmdline()) and child.status() != psutil.STATUS_ZOMBIE:
+                    command = " ".join(child.cmdline())
+                    if any(each in command for each in said) and child.status() != psutil.STATUS_ZOMBIE:
                         found.append(child)
         return found
 

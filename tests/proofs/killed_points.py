@@ -9,11 +9,13 @@ from typing import Literal, TypeAlias
 
 from killed_life import CONFIGURATIONS, ENDS_S
 
-Setting: TypeAlias = Literal["embedded", "server", "cluster"]
-"""Prefect's API as the campaign starts it; a configured server; that, and a Dask cluster whose workers execute the runs."""
+Setting: TypeAlias = Literal["embedded", "local", "server", "cluster"]
+"""Prefect's API as the campaign starts it; that, and `--cluster local:N`; a configured server; that, and a Dask cluster whose workers execute
+the runs."""
 
 VICTIMS: dict[Setting, tuple[str, ...]] = {
     "embedded": ("flow", "worker", "server"),
+    "local": ("flow", "worker", "scheduler"),
     "server": ("flow", "server"),
     "cluster": (
         *("flow", "server", "nanny", "worker", "node", "scheduler"),
