@@ -18,7 +18,9 @@ from vastflow.sim.kernels.numba_target import TARGET, KernelCache
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_HAS_KERNELS: Final = re.compile(r"vastflow\.sim\.kernels\.(numeric import|plug_in import (?:\([^)]*|.*)\bkernel\b)")
+_HAS_KERNELS: Final = re.compile(
+    r"vastflow\.(sim\.kernels\.numeric import|(sim\.kernels\.plug_in|plugins) import (\([^)]*|.*)\bkernel\b)"
+)
 _IMPORT: Final = re.compile(r"^from (vastflow\.sim[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 
 

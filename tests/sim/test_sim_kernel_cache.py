@@ -149,6 +149,7 @@ def test_plug_in_kernel_with_value_of_unknown_content_is_not_kept(tmp_path):
 def test_built_in_plug_in_may_be_compiled_by_decorator_of_plug_ins(copied):
     before = numeric.kernel_cache_dir()
     for line in (
+        "from vastflow.plugins import Planner, kernel",
         "from vastflow.sim.kernels.plug_in import kernel",
         "from vastflow.sim.kernels.plug_in import (\n    kernel,\n)",
     ):
