@@ -7,9 +7,11 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 import numpy as np
+import pyarrow as pa
 
 from vastflow.flows.export.format import ExportedCampaign, ExportedConfiguration, ExportedFile, Format
 from vastflow.flows.export.run import ExportedRun
+from vastflow.oracles.results.schema import JUDGED_RUNS, VERDICTS
 from vastflow.sim.model.recording import RunLog
 from vastflow.sim.plug_ins.conformance import must
 
@@ -62,10 +64,11 @@ CHECKS: Final[tuple[Callable[[Format], None], ...]] = (check_files, check_determ
 def sample_campaigns() -> tuple[ExportedCampaign, ...]:
     """Return an empty campaign, and one with runs of all kinds, a duplicate, and texts that XML lacks."""
     log = RunLog(1_700_000_000.0, 0.5, 0.4, 4096, ("0.1 s: \x00 begun",))
-    verdict = {"oracle": "success", "judgement": "pass", "reason": "", "metrics": {"time": {"value": 7.5, "unit": "s"}}}
-    failed = {"oracle": "näh<e>", "judgement": "fail", "reason": 'a "box"\n& a wall', "metrics": {}}
+    metrics = {"time": {"value": 7.5, "unit": "s"}}
+    verdict = _row(VERDICTS, oracle="success", judgement="pass", metrics=metrics)
+    failed = _row(VERDICTS, oracle="näh<e>", judgement="fail", reason='a "box"\n& a wall', metrics={})
     run = partial(ExportedRun, "sample", host={"host": {"name": "bench"}, "versions": {}, "pid": 1})
-    row = {"simulated_s": 7.5, "outcome": "succeeded"}
+    row = _row(JUDGED_RUNS, simulated_s=7.5, outcome="succeeded", distance_m=5.0)
     columns = {name: np.array([0, 5, 10], dtype=np.int32) for name in ("t_ms", "x_mm", "y_mm", "yaw_mrad")}
     for column in columns.values():
         column.flags.writeable = False
@@ -82,6 +85,10 @@ def sample_campaigns() -> tuple[ExportedCampaign, ...]:
     )
     files = {"campaign.vast": Path(__file__), "maps/room.yaml": Path(__file__)}
     return ExportedCampaign("empty"), ExportedCampaign("sample", "2 of 4 runs passed", configurations, files)
+
+
+def _row(schema: pa.Schema, **values: Any) -> dict[str, Any]:
+    return {field.name: values.get(field.name, "" if pa.types.is_string(field.type) else 0) for field in schema}
 
 
 def _files(chosen: Format, campaign: ExportedCampaign) -> list[ExportedFile]:

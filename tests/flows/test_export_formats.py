@@ -4,12 +4,13 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from command_line import called, refused
 from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
-from vastflow.flows.export.conformance import CHECKS
+from vastflow.flows.export.conformance import CHECKS, sample_campaigns
 from vastflow.flows.export.format import Format, format_of, known_formats
 from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.sim.model.archive import write_outputs
@@ -103,6 +104,12 @@ def test_format_that_breaks_while_it_writes_leaves_nothing(results, tmp_path, mo
 def test_own_formats_keep_the_contract(name, check):
     assert name in known_formats()
     check(format_of(name, Path()))
+
+
+def test_samples_have_columns_of_a_campaign_directory(results):
+    (run,) = [run for each in sample_campaigns()[1].configurations for run in each.runs if run.recorded]
+    rows = [{*pq.read_schema(results / f"{table}.parquet").names} for table in ("runs", "verdicts")]
+    assert [{*run.row}, {*run.verdicts[0]}] == rows
 
 
 class Own(Format):
