@@ -1,9 +1,9 @@
 """The contract of export formats, as checks that a format's author can call in a test."""
 
-import copy
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path, PurePosixPath
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -32,9 +32,7 @@ def check_files(chosen: Format) -> None:
             inside = isinstance(place, str) and bool(path.parts) and not path.is_absolute() and ".." not in path.parts
             must(inside and "\\" not in place, f"{name} must yield a path inside the folder, got {place!r}")
             is_content = isinstance(content, bytes) or (isinstance(content, Path) and content.is_file())
-            must(
-                is_content, f"{name} must yield bytes or the path of a file for {place!r}, got {type(content).__name__}"
-            )
+            must(is_content, f"{name} must yield bytes or the path of a file for {place!r}")
             must(str(path) not in taken, f"{name} must yield {place!r} once")
             taken.add(str(path))
         above = taken & {str(parent) for place in taken for parent in PurePosixPath(place).parents}
@@ -48,16 +46,7 @@ def check_determinism(chosen: Format) -> None:
         must(same, f"{type(chosen).__name__} must yield the same files for the same campaign")
 
 
-def check_inputs_are_kept(chosen: Format) -> None:
-    """Check that it changes nothing of the campaign."""
-    for campaign in sample_campaigns():
-        before = copy.deepcopy(campaign)
-        _files(chosen, campaign)
-        kept = repr(campaign) == repr(before) and _contents(campaign) == _contents(before)
-        must(kept, f"{type(chosen).__name__} must not change the campaign that it is given")
-
-
-CHECKS: Final[tuple[Callable[[Format], None], ...]] = (check_files, check_determinism, check_inputs_are_kept)
+CHECKS: Final[tuple[Callable[[Format], None], ...]] = (check_files, check_determinism)
 """All checks, for a test that is parametrized with them and reports each on its own."""
 
 
@@ -70,12 +59,12 @@ def sample_campaigns() -> tuple[ExportedCampaign, ...]:
     run = partial(ExportedRun, "sample", host={"host": {"name": "bench"}, "versions": {}, "pid": 1})
     row = _row(JUDGED_RUNS, simulated_s=7.5, outcome="succeeded", distance_m=5.0)
     columns = {name: np.array([0, 5, 10], dtype=np.int32) for name in ("t_ms", "x_mm", "y_mm", "yaw_mrad")}
-    for column in columns.values():
+    for column in columns.values():  # here and in outputs, a change raises
         column.flags.writeable = False
     robot = [run("room-1", 0, [verdict], row, log, recorded=columns), run("room-1", 1, [verdict, failed], row, log)]
     program = [
         run("job-1", 0, [], None, None),
-        run("job-1", 3, [failed], None, log, outputs={"a/b.csv": b"n\n1\n", "ü": b""}),
+        run("job-1", 3, [failed], None, log, outputs=MappingProxyType({"a/b.csv": b"n\n1\n", "ü": b""})),
     ]
     values = {"map_file": PurePosixPath("maps/room.yaml"), "goal": {"x": 1.0}, "empty": None}
     configurations = (
@@ -97,8 +86,3 @@ def _files(chosen: Format, campaign: ExportedCampaign) -> list[ExportedFile]:
     except Exception as error:
         what = f"{type(chosen).__name__} must not raise, and raised {type(error).__name__}: {error}"
         raise AssertionError(what) from error
-
-
-def _contents(campaign: ExportedCampaign) -> list[Any]:
-    runs = [run for each in campaign.configurations for run in each.runs]
-    return [({name: column.tolist() for name, column in run.recorded.items()}, run.outputs) for run in runs]

@@ -10,10 +10,9 @@ from vastflow.flows.export.run import ExportedRun
 from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.registry import known_plug_ins, plug_in_class
+from vastflow.sim.plug_ins.registry import plug_in_class
 
 GROUP: Final = "vastflow.formats"
-DEFAULT: Final = "vast"
 
 ExportedFile: TypeAlias = tuple[str, bytes | Path]
 """Place below the export's folder, with `/`, and the content, or a file to copy."""
@@ -59,11 +58,6 @@ class Format(ABC):
     @abstractmethod
     def files(self, campaign: ExportedCampaign) -> Iterator[ExportedFile]:
         """Yield the files of the export, each once, in an order of its own; nothing is written elsewhere."""
-
-
-def known_formats() -> tuple[str, ...]:
-    """Names in the entry-point group `vastflow.formats`, sorted."""
-    return known_plug_ins(GROUP)
 
 
 def format_of(name: str, base: Path) -> Format:

@@ -42,7 +42,7 @@ def _function(function: Any, seen: set[Any]) -> Iterator[str]:
     seen.add(function)
     if function.__closure__ is not None:
         raise _Unknown
-    names = list(dict.fromkeys(_names(function.__code__)))
+    names = _names(function.__code__)
     yield from _code(function.__code__)
     yield from _value(function.__defaults__, names, seen)
     for name in names:
@@ -83,11 +83,9 @@ def _class(kind: type) -> tuple[str, str]:
     return kind.__module__, kind.__qualname__
 
 
-def _names(code: CodeType) -> Iterator[str]:
-    yield from code.co_names
-    for inner in code.co_consts:
-        if isinstance(inner, CodeType):
-            yield from _names(inner)
+def _names(code: CodeType) -> list[str]:
+    inner = (name for constant in code.co_consts if isinstance(constant, CodeType) for name in _names(constant))
+    return list(dict.fromkeys((*code.co_names, *inner)))
 
 
 def _code(code: CodeType) -> Iterator[str]:

@@ -11,7 +11,7 @@ from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.export.conformance import CHECKS, sample_campaigns
-from vastflow.flows.export.format import Format, format_of, known_formats
+from vastflow.flows.export.format import Format, format_of
 from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
@@ -102,7 +102,6 @@ def test_format_that_breaks_while_it_writes_leaves_nothing(results, tmp_path, mo
 @pytest.mark.parametrize("name", ["csv", "junit", "vast"])
 @pytest.mark.parametrize("check", CHECKS)
 def test_own_formats_keep_the_contract(name, check):
-    assert name in known_formats()
     check(format_of(name, Path()))
 
 
@@ -142,7 +141,7 @@ def change(own, campaign):
         ("check_files", lambda own, campaign: iter([("a", b""), ("a/b", b"")]), r"files at \['a'\], which are folders"),
         ("check_files", lambda own, campaign: [campaign.configurations[0]], "must not raise, and raised IndexError"),
         ("check_determinism", lambda own, campaign: [("a", bytes(own.calls))], "must yield the same files"),
-        ("check_inputs_are_kept", change, "must not change the campaign"),
+        ("check_files", change, "must not raise, and raised AttributeError"),
     ],
 )
 def test_conformance_finds_a_format_that_breaks_the_contract(check, do, words):
