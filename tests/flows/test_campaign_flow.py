@@ -184,7 +184,7 @@ def test_changed_noise_level_executes_its_configurations_only(place, again, coun
     assert set(states) == expected
 
 
-def test_oracle_parameter_judges_again_without_executing_inside_event_loop(again, counted):
+def test_oracle_parameter_judges_again_without_executing_inside_event_loop(place, again, counted):
     async def cell():  # a notebook's cell runs inside an event loop
         return again(("tiny.vast", "least_m: 0.1", "least_m: 0.2"))
 
@@ -193,6 +193,10 @@ def test_oracle_parameter_judges_again_without_executing_inside_event_loop(again
     added = counted()
     assert (added["runs"], added["observe"]) == (0, 0)
     assert added["judge"] >= CONFIGURATIONS
+    last = "(select id from flow_run order by start_time desc limit 1)"
+    states = rows(place, f"select name, state_name from task_run where flow_run_id = {last}")
+    expected = [("execute", "Cached"), ("judge", "Completed"), ("observe", "Cached")]
+    assert sorted(states) == [(f"{stage} 1–4 of room", state) for stage, state in expected]
 
 
 def test_damaged_recording_is_recorded_again_and_keeps_trace_and_verdicts(artifacts, again, counted):
