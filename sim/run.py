@@ -161,7 +161,9 @@ def execute(
 
 def _simulation(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> Simulation:
     masks = [None if mask is None else read_map(mask) for mask in robot.masks]
-    prepared = prepare(read_world(robot.map_file, robot.difference), robot.lidar, robot.parameters, *masks)
+    prepared = prepare(
+        read_world(robot.map_file, robot.difference, robot.world_file), robot.lidar, robot.parameters, *masks
+    )
     obstacles = checked.script.obstacles
     return Simulation(
         prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, checked.timeout_s

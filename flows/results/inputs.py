@@ -26,6 +26,7 @@ from vastflow.sim.scenario.language.reading import files_of
 from vastflow.sim.system.keys import FILE_KEY
 from vastflow.sim.world.map_file import image_of, load_map
 from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.readers.reader import files_of_world, reader_of
 from vastflow.tasks.engine.evaluation import content_of, files_in, producers_in
 from vastflow.tasks.store.artifact import inside
 
@@ -66,11 +67,15 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     parameter_files = files_in(*(values.pop(FILE_KEY, None) for values in fixed))
     map_files = files_in(*fixed, *(p.parameters for p in producers))
     map_files = {key: file for key, file in map_files.items() if all(each.digest != key for each in plug_in_files)}
+    worlds = {key: file for key, file in map_files.items() if reader_of(Path(file))}
+    map_files = {key: file for key, file in map_files.items() if key not in worlds}
     kept = _Kept(base)
     for parameter_file in map(Path, parameter_files.values()):
         kept.keep(parameter_file)
     for content in plug_in_files:
         kept.keep_beside(content)
+    for world in map(Path, worlds.values()):
+        kept.keep(*files_of_world(world))
     for path in map_files.values():
         borrowed = campaign.borrowed_maps.get(path)
         beside = Path(path) if borrowed is None else base / borrowed

@@ -21,7 +21,8 @@ from vastflow.oracles.observation.situation import Situation, situation_of
 from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
 from vastflow.oracles.results.tables import Tables
 from vastflow.sim.model.obstacle import Obstacle
-from vastflow.sim.reading.world import WORLD_KEY, difference_of
+from vastflow.sim.reading.world import WORLD_KEY, difference_of, world_file_of
+from vastflow.sim.world.readers.reader import bodies_of
 from vastflow.sim.world.world import World
 
 Floats = NDArray[np.float64]
@@ -78,7 +79,10 @@ def case_of(tables: Tables, configuration: int, files: KeptFiles) -> Case:
     if environment is None:
         raise ValueError("it has no map")
     scenario = scenario_of_row(tables.configurations.row(configuration), files)
-    world = World(kept_map(tables.directory, environment), difference_of(scenario.environment.get(WORLD_KEY)))
+    given = scenario.environment.get(WORLD_KEY)
+    file = world_file_of(given)
+    bodies = None if file is None else bodies_of(file)
+    world = World(kept_map(tables.directory, environment), difference_of(given), bodies)
     situation = situation_of(scenario)
     return Case("", world, situation, situation.obstacles, (), zones=zones_of([scenario]))
 

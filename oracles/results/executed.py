@@ -26,6 +26,7 @@ from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.system.system import system_kind
 from vastflow.sim.world.map_file import load_map, map_content
 from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.readers.reader import world_content
 
 NAMED_FILES: Final = "files.json"
 """File in `environments/` with the places of files by digests that are not of their bytes, such as meshes."""
@@ -81,6 +82,8 @@ class KeptFiles:
         if file.suffix == ".osc":
             with suppress(ValueError):
                 yield abstract_content(file)
+        with suppress(ValueError):
+            yield world_content(file)
         if file.suffix in (".yaml", ".yml"):
             with suppress(ValueError):
                 yield map_content(file, self._directory)

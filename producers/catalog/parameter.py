@@ -21,8 +21,10 @@ from vastflow.sim.model.digest import Value, digest
 from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.obstacle import lists_obstacles
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.reading.world import WORLD_KEY
 from vastflow.sim.system.robot import NOISE_MODEL_KEY
 from vastflow.sim.world.noise_registry import noise_value
+from vastflow.sim.world.readers.reader import world_content
 
 ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]
 ParameterKind: TypeAlias = Literal["int", "integer", "float", "double", "number", "bool", "boolean", "str", "string"]
@@ -44,10 +46,13 @@ def _listed_value(value: Any, info: ValidationInfo) -> Any:
 def _value(name: str | None, value: Any, info: ValidationInfo) -> Any:
     if name in MAP_FILE_KEYS:
         return map_value(value, info)
+    base = Path((info.context or {}).get("base", "."))
+    if name == WORLD_KEY and isinstance(value, str):
+        return world_content(base / value)
     if value is None:
         raise ValueError("expected text, a number, true or false, a list or a map, got nothing")
     if name == NOISE_MODEL_KEY:
-        return noise_value(value, Path((info.context or {}).get("base", ".")))
+        return noise_value(value, base)
     _json_value.validate_python(value)
     digest(value)  # a ValueError where it has none
     return value

@@ -46,13 +46,14 @@ from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.reading.abstract import hall_file
-from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY
 from vastflow.sim.system.facts import robot_words
 from vastflow.sim.system.keys import FOOTPRINT_NAMES, is_of_footprint
 from vastflow.sim.system.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.system.system import system_of
 from vastflow.sim.world.map_file import MissingMap, free_unknown_cells, read_map
 from vastflow.sim.world.noise_registry import noise_value
+from vastflow.sim.world.readers.reader import world_content
 
 OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")
 
@@ -224,7 +225,10 @@ class FamilyReader:
             if key.startswith("_"):
                 self._fault(where, Got(repr(key)), "a name without a leading underscore", at="key")
             places[key] = where
-            if key not in MAP_FILE_KEYS:
+            if key == WORLD_KEY and isinstance(value, str):
+                if content := self._world_file(where, value):
+                    values[key] = content
+            elif key not in MAP_FILE_KEYS:
                 values[key] = noise_value(value, self._base) if key == NOISE_MODEL_KEY else value
             elif content := self._map(where, value):
                 values[key] = content
@@ -245,6 +249,13 @@ class FamilyReader:
                 fault = self._document.fault(location, str(error))
                 self.faults.append(replace(fault, kind="missing") if isinstance(error, MissingMap) else fault)
         return self._maps.get(value)
+
+    def _world_file(self, location: Location, value: str) -> FileContent | None:
+        try:
+            return world_content(self._base / value)
+        except ValueError as error:  # WorldError; ValueError for a NUL in the path
+            self.faults.append(self._document.fault(location, str(error)))
+        return None
 
     def _check_fixed(
         self,

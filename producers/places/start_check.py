@@ -21,12 +21,12 @@ from vastflow.sim.model.obstacle import Obstacle, obstacle_of
 from vastflow.sim.model.polygon import circumscribed_radius_m
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY
-from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY, world_file_of
 from vastflow.sim.system.keys import is_of_footprint
 from vastflow.sim.system.robot import ROBOT_KEY
 from vastflow.sim.system.system import system_of
-from vastflow.sim.world.map_file import read_map
 from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.world import read_world
 
 LABEL: Final = "start_check"
 """Name of the start check in tables and reports."""
@@ -70,21 +70,22 @@ class StartCheck:
         system = {key: value for key, value in partial.values.items() if is_of_footprint(key)}
         standing = [*_standing(partial)] if START_KEY in stops else []
         poses = {key: pose.value() for key, pose in stops.items()}
-        content = canonical([map_file, poses, system, [*map(str, standing)]])
+        world_file = world_file_of(partial.values.get(WORLD_KEY))
+        content = canonical([map_file, world_file, poses, system, [*map(str, standing)]])
         if content not in self._known:
-            self._known[content] = self._reason(map_file, stops, system, standing)
+            walls = read_world(map_file, world_file=world_file).walls
+            self._known[content] = self._reason(walls, stops, system, standing)
         reason = self._known[content]
         inputs: dict[str, Value] = {MAP_KEY: map_file, **poses}
         return RejectedInstance(self._family, partial.name, LABEL, reason, {}, inputs) if reason else None
 
     def _reason(
         self,
-        map_file: FileContent,
+        occupancy: OccupancyMap,
         stops: Mapping[str, Pose],
         system: Mapping[str, Value],
         standing: Sequence[Obstacle],
     ) -> str | None:
-        occupancy = read_map(map_file)
         for key, pose in stops.items():
             if not occupancy.contains(*occupancy.cell_of(pose.x_m, pose.y_m)):
                 return f"{key} ({pose.x_m:g}, {pose.y_m:g}) lies outside of the map"

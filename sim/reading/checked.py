@@ -21,7 +21,7 @@ from vastflow.sim.plug_ins.loading import code_value
 from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of, plain_value
 from vastflow.sim.reading.script import NAVIGATIONS, Script, calls_of, script_of
 from vastflow.sim.reading.vocabulary import WORLDLY
-from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY, difference_of
+from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY, difference_of, world_file_of
 from vastflow.sim.system.robot import RobotParameters
 from vastflow.sim.system.system import NO_MASKS, Masks
 from vastflow.sim.world.difference import WorldDifference
@@ -42,6 +42,7 @@ class RobotSetup:
         lidar: Its laser scanner.
         difference: How the world differs from the map; None where it does not.
         masks: Of the costmaps' filters.
+        world_file: What the world is read from; None where that is the map.
     """
 
     map_file: FileContent
@@ -51,6 +52,7 @@ class RobotSetup:
     lidar: Lidar
     difference: WorldDifference | None = None
     masks: Masks = NO_MASKS
+    world_file: FileContent | None = None
 
 
 @dataclass(frozen=True)
@@ -145,8 +147,10 @@ def _robot(scenario: Scenario, script: Script) -> RobotSetup:
     robot, lidar = robot_of(parameters), lidar_of(parameters)
     if parameters.robot != _NOT_DESCRIBED:  # what is described is in the robot and the scanner
         parameters = parameters.model_copy(update={"robot": _NOT_DESCRIBED})
-    difference = difference_of(scenario.environment.get(WORLD_KEY))
-    return RobotSetup(content, script.start, parameters, robot, lidar, difference, masks)
+    world = scenario.environment.get(WORLD_KEY)
+    return RobotSetup(
+        content, script.start, parameters, robot, lidar, difference_of(world), masks, world_file_of(world)
+    )
 
 
 def _digested(robot: RobotSetup) -> Value:
@@ -158,6 +162,7 @@ def _digested(robot: RobotSetup) -> Value:
         repr((robot.robot, robot.lidar)),
         *(() if robot.difference is None else (repr(robot.difference),)),
         *(() if robot.masks == NO_MASKS else (robot.masks.keepout, robot.masks.speed)),
+        *(() if robot.world_file is None else (robot.world_file,)),
     ]
 
 

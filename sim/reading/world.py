@@ -1,4 +1,4 @@
-"""The world of a scenario: its map, and how it differs from it."""
+"""The world of a scenario: its map, and its own file or how it differs from the map."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -22,10 +22,15 @@ def world_of(environment: Mapping[str, Value]) -> World | None:
     Raises:
         ScenarioError: the map can't be read or has changed, or the difference is none.
     """
-    map_file = environment.get(MAP_KEY)
+    map_file, world = environment.get(MAP_KEY), environment.get(WORLD_KEY)
     return (
-        read_world(map_file, difference_of(environment.get(WORLD_KEY))) if isinstance(map_file, FileContent) else None
+        read_world(map_file, difference_of(world), world_file_of(world)) if isinstance(map_file, FileContent) else None
     )
+
+
+def world_file_of(value: Value) -> FileContent | None:
+    """Return the world's own file under the key `world`, or None."""
+    return value if isinstance(value, FileContent) else None
 
 
 def difference_of(value: Value) -> WorldDifference | None:
@@ -34,7 +39,7 @@ def difference_of(value: Value) -> WorldDifference | None:
     Raises:
         ScenarioError: the value has another form, or a number is out of its bounds.
     """
-    if value is None:
+    if value is None or isinstance(value, FileContent):
         return None
     if not isinstance(value, Mapping) or (unknown := set(value) - set(_NAMES)):
         found = repr(value) if not isinstance(value, Mapping) else ", ".join(sorted(unknown))

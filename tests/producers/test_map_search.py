@@ -10,7 +10,9 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.scenario import run_files
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.places.ground import MapSearch
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.world.map_file import MapError
+from vastflow.sim.world.readers.reader import world_content
 
 CAMPAIGN = """\
 configuration:
@@ -127,3 +129,23 @@ def test_user_folder_may_be_named_results(files):
 def test_campaign_file_beside_a_file_of_facts_is_still_the_campaigns_own_folder(files):
     (files / "campaign.vast").write_text("version: 1")
     assert "tools/drive.sh" in names(files, "drive.sh")
+
+
+def test_world_of_family_is_read_beside_campaign_file(places):
+    base, maps = places
+    (base / "posts.csv").write_text("0.2,0.2,0.1\n")
+    text = CAMPAIGN.replace(
+        "      - map_file: halls/map.yaml\n", "      - map_file: halls/map.yaml\n      - world: posts.csv\n", 1
+    )
+    (base / "two.vast").write_text(text)
+    campaign = load_campaign(base / "two.vast", map_dir=maps)
+    found = campaign.families[0].values["world"]
+    assert (Path(found.path).name, found.digest) == ("posts.csv", world_content(base / "posts.csv").digest)
+    varied = "      - ParameterVariationList: {name: world, values: [posts.csv]}\n"
+    (base / "two.vast").write_text(CAMPAIGN.replace("    variations:\n", f"    variations:\n{varied}", 1))
+    (producer, *_) = load_campaign(base / "two.vast", map_dir=maps).families[0].producers
+    assert producer.parameters.values == [found]
+    (base / "two.vast").write_text(text)
+    (base / "posts.csv").write_text("0.2,0.2,much\n")
+    with pytest.raises(FileError, match=r"5:16: .*posts\.csv:1: expected three numbers x, y, radius"):
+        load_campaign(base / "two.vast", map_dir=maps)

@@ -1,0 +1,1 @@
+"""Readers of world files: from a file to the bodies in it."""

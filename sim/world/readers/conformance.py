@@ -1,0 +1,68 @@
+"""Conformance checks of world readers, for authors' tests."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from vastflow.sim.world.bodies import Body
+from vastflow.sim.world.readers.reader import FARTHEST_M, WorldError, WorldReader
+
+Reader = type[WorldReader]
+
+
+def check_reader(reader: Reader, file: Path) -> None:
+    """Run all `CHECKS` on a reader with a file of its kind; raise an `AssertionError` otherwise."""
+    for check in CHECKS:
+        check(reader, file)
+
+
+def check_suffixes(reader: Reader, file: Path) -> None:
+    """Check that it says the ends of its files' names, in small letters."""
+    ends = reader.suffixes
+    _must(
+        bool(ends) and all(end == end.lower() and end.startswith(".") for end in ends),
+        reader,
+        "must have suffixes such as .sdf",
+    )
+    _must(file.name.lower().endswith(ends), reader, f"must read {file.name!r} by its suffix")
+
+
+def check_bodies(reader: Reader, file: Path) -> None:
+    """Check that it gives bodies of finite places and sizes, equal ones each time."""
+    bodies = [*reader.read(file)]
+    _must(bool(bodies) and all(isinstance(body, Body) for body in bodies), reader, "must give bodies")
+    for body in bodies:
+        bounds = body.outline.bounds
+        finite = all(math.isfinite(bound) and abs(bound) <= 2 * FARTHEST_M for bound in bounds)
+        _must(finite and body.outline.area > 0.0, reader, f"must give outlines with an area, found {body!r}")
+        _must(body.bottom_m < body.top_m, reader, f"must give heights in order, found {body!r}")
+    _must(bodies == [*reader.read(file)], reader, "must give equal bodies each time")
+
+
+def check_files(reader: Reader, file: Path) -> None:
+    """Check that it names the files that it reads, the given one first."""
+    files = [*reader.files(file)]
+    _must(files[:1] == [file] and all(each.is_file() for each in files), reader, f"must name its files, found {files}")
+
+
+def check_refusal(reader: Reader, file: Path) -> None:
+    """Check that it refuses what is no file of its kind by a `WorldError` that names it."""
+    wrong = file.with_name(f"wrong{reader.suffixes[0]}")
+    wrong.write_text("\u2603 no world")
+    try:
+        [*reader.read(wrong)]
+    except WorldError as error:
+        _must(str(wrong) in str(error), reader, f"must name the file in its error, found {error}")
+    else:
+        raise AssertionError(f"{reader.__name__} must refuse a file of another kind")
+    finally:
+        wrong.unlink()
+
+
+CHECKS: Final[tuple[Callable[[Reader, Path], None], ...]] = (check_suffixes, check_bodies, check_files, check_refusal)
+
+
+def _must(holds: bool, reader: Reader, words: str) -> None:
+    if not holds:
+        raise AssertionError(f"{reader.__name__} {words}")

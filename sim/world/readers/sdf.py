@@ -1,0 +1,287 @@
+"""Gazebo worlds: the collisions of an SDF file's models, cut at the heights of a robot.
+
+Read by http://sdformat.org/spec: models in models, links, collisions, each with a pose in its parent's frame; files that `include` names.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Final
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from vastflow.sim.model.files import is_file, read_bytes
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.world.bodies import Body, Box, Disc, Polygon
+from vastflow.sim.world.readers.reader import FARTHEST_M, MOST_BODIES, WorldError
+
+LOWEST_M: Final = 0.02
+HIGHEST_M: Final = 0.4
+"""Heights between which a collision stands in the way of a robot or its lidar: thresholds are driven over, tables under."""
+MOST_DEPTH: Final = 8
+"""Maximum number of files that include one another."""
+MOST_FILE_BYTES: Final = 64 * 2**20
+_UPRIGHT: Final = 1e-6
+
+Transform = NDArray[np.float64]
+"""(4, 4) from a frame to the world's."""
+
+
+class Sdf:
+    """Reader of SDF worlds and models: boxes, cylinders, spheres, capsules, planes, and polylines.
+
+    What no robot meets at its heights is left out, such as the floor. A mesh can't be read.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]] = (".sdf", ".world")
+
+    @staticmethod
+    def read(path: Path) -> Iterator[Body]:
+        for count, body in enumerate(_of_file(_File(path, path.parent), np.eye(4), "", 0)):
+            if count >= MOST_BODIES:
+                raise WorldError(f"{path}: expected {MOST_BODIES:,} bodies at most, got more")
+            yield body
+
+    @staticmethod
+    def files(path: Path) -> list[Path]:
+        return [*dict.fromkeys(_files(_File(path, path.parent), 0))]
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    """A file, and the world's folder, in which the models are that it includes."""
+
+    path: Path
+    folder: Path
+
+    def error(self, what: str) -> WorldError:
+        return WorldError(f"{self.path}: {what}")
+
+
+def _root(file: _File) -> Element:
+    """Parse a file; a document type, which can have entities, is refused."""
+    builder, parser = TreeBuilder(), expat.ParserCreate()
+    parser.buffer_text = True
+
+    def refuse(*_: object) -> None:
+        raise file.error("expected XML without a document type, got <!DOCTYPE")
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler = lambda tag, attributes: builder.start(tag, attributes)
+    parser.EndElementHandler = lambda tag: builder.end(tag)
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(read_bytes(file.path, "an SDF file", MOST_FILE_BYTES), True)
+    except expat.ExpatError as error:
+        raise WorldError(
+            f"{file.path}:{error.lineno}:{error.offset + 1}: expected XML: {expat.errors.messages[error.code]}"
+        ) from None
+    root: Element = builder.close()
+    if root.tag != "sdf":
+        raise file.error(f"expected <sdf>, got <{root.tag}>")
+    return root
+
+
+def _of_file(file: _File, to_world: Transform, name: str, depth: int) -> Iterator[Body]:
+    if depth > MOST_DEPTH:
+        raise file.error(f"expected {MOST_DEPTH} files that include one another at most, got more")
+    root = _root(file)
+    for parent in (*root.findall("world"), root):
+        yield from _models(file, parent, to_world, name, depth, is_included=bool(depth))
+
+
+def _models(
+    file: _File, parent: Element, to_world: Transform, above: str, depth: int, is_included: bool = False
+) -> Iterator[Body]:
+    for model in parent.findall("model"):
+        name = above if is_included and above else _joined(above, model)
+        own = to_world @ _pose(file, model, name)
+        for link in model.findall("link"):
+            linked = own @ _pose(file, link, name)
+            for collision in link.findall("collision"):
+                place = _joined(_joined(name, link), collision)
+                yield from _bodies(file, collision, linked @ _pose(file, collision, place), place)
+        yield from _models(file, model, own, name, depth)
+    for include in parent.findall("include"):
+        name = _joined(above, include, include.findtext("name") or include.findtext("uri") or "include")
+        included = _included(file, include, name)
+        # The pose of an include takes the place of the model's own.
+        own_pose = _pose(file, include, name)
+        if include.find("pose") is not None:
+            own_pose = own_pose @ np.linalg.inv(_first_pose(included, name))
+        yield from _of_file(included, to_world @ own_pose, name, depth + 1)
+
+
+def _files(file: _File, depth: int) -> Iterator[Path]:
+    yield file.path
+    if depth < MOST_DEPTH:
+        for include in _root(file).iter("include"):
+            yield from _files(_included(file, include, "include"), depth + 1)
+
+
+def _joined(above: str, element: Element, name: str = "") -> str:
+    name = name or element.get("name") or element.tag
+    return f"{above}::{name}" if above else name
+
+
+def _included(file: _File, include: Element, name: str) -> _File:
+    """Return the file that an include names: a file, or a folder of a model with `model.sdf`."""
+    uri = (include.findtext("uri") or "").strip()
+    inner = uri.removeprefix("file://").removeprefix("model://")
+    if not inner or "://" in inner:
+        raise file.error(f"{name}: expected the uri of a local file, got {uri!r}")
+    for place in (file.path.parent / inner, file.folder / inner, file.folder / "models" / inner):
+        for path in (place, place / "model.sdf"):
+            if is_file(path):
+                return _File(path, file.folder)
+    raise file.error(f"{name}: There is no file {inner!r} beside the world, nor in its folder 'models'.")
+
+
+def _first_pose(file: _File, name: str) -> Transform:
+    root = _root(file)
+    model = next((found for parent in (root, *root.findall("world")) for found in parent.findall("model")), None)
+    return np.eye(4) if model is None else _pose(file, model, name)
+
+
+def _numbers(file: _File, text: str | None, count: int, place: str) -> list[float]:
+    words = (text or "").split()
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(abs(number) <= FARTHEST_M for number in numbers):
+        right = f"{count} numbers of {FARTHEST_M:g} at most" if count > 1 else f"a number of {FARTHEST_M:g} at most"
+        raise file.error(f"{place}: expected {right}, got {(text or '').strip()!r}")
+    return numbers
+
+
+def _pose(file: _File, element: Element, place: str) -> Transform:
+    """Return an element's pose in its parent: x, y, z (m), roll, pitch, yaw about fixed axes (rad)."""
+    pose = element.find("pose")
+    if pose is None or not (pose.text or "").strip():
+        return np.eye(4)
+    frame = pose.get("relative_to") or pose.get("frame")
+    if frame and frame not in ("__model__", "world"):
+        raise file.error(f"{place}: expected a pose in the frame of what it is part of, got one relative to {frame!r}")
+    if pose.get("rotation_format", "euler_rpy") != "euler_rpy":
+        raise file.error(f"{place}: expected roll, pitch, and yaw, got {pose.get('rotation_format')!r}")
+    x, y, z, *angles = _numbers(file, pose.text, 6, f"{place}: pose")
+    if pose.get("degrees") in ("true", "1"):
+        angles = [math.radians(angle) for angle in angles]
+    (cr, cp, cy), (sr, sp, sy) = ([f(angle) for angle in angles] for f in (math.cos, math.sin))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y],
+            [-sp, cp * sr, cp * cr, z],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def _bodies(file: _File, collision: Element, to_world: Transform, place: str) -> Iterator[Body]:
+    geometry = collision.find("geometry")
+    shape = None if geometry is None else next(iter(geometry), None)
+    if shape is None or shape.tag == "empty":
+        return
+    if shape.tag == "plane":
+        normal = _numbers(file, shape.findtext("normal", "0 0 1"), 3, f"{place}: normal")
+        if abs((to_world[:3, :3] @ normal)[2]) < (1.0 - _UPRIGHT) * float(np.linalg.norm(normal)):
+            raise file.error(f"{place}: expected a level plane, which is a floor, got one that is not")
+        return
+    if shape.tag == "mesh":
+        raise file.error(f"{place}: A mesh can't be read. Expected a box, a cylinder, or a polyline for its collision.")
+    yield from _cut(_solid(file, shape, place), to_world, place)
+
+
+@dataclass(frozen=True, slots=True)
+class _Solid:
+    """An upright prism about its origin, or a ball.
+
+    Attributes:
+        flat: Its base in its own frame; of a ball, its disc.
+        low_m, high_m: Heights of its ends.
+    """
+
+    flat: Box | Disc | Polygon
+    low_m: float
+    high_m: float
+    is_ball: bool = False
+
+
+def _solid(file: _File, shape: Element, place: str) -> _Solid:
+    def positive(name: str, count: int = 1) -> list[float]:
+        numbers = _numbers(file, shape.findtext(name), count, f"{place}: {name}")
+        if min(numbers) <= 0.0:
+            raise file.error(f"{place}: {name}: expected more than 0, got {min(numbers):g}")
+        return numbers
+
+    match shape.tag:
+        case "box":
+            length, width, height = positive("size", 3)
+            return _Solid(Box(length, width), -height / 2, height / 2)
+        case "cylinder":
+            (radius,), (height,) = positive("radius"), positive("length")
+            return _Solid(Disc(radius), -height / 2, height / 2)
+        case "sphere":
+            (radius,) = positive("radius")
+            return _Solid(Disc(radius), -radius, radius, is_ball=True)
+        case "polyline":
+            (height,) = positive("height")
+            points = [_numbers(file, point.text, 2, f"{place}: point") for point in shape.findall("point")]
+            vertices = tuple((x, y) for x, y in points)
+            if len(vertices) > 1 and vertices[0] == vertices[-1]:
+                vertices = vertices[:-1]
+            if len(vertices) < 3 or not shapely.Polygon(vertices).is_valid:
+                raise file.error(f"{place}: expected a polyline of three points or more that does not cross itself")
+            return _Solid(Polygon(vertices), 0.0, height)
+        case other:
+            raise file.error(f"{place}: expected a box, cylinder, sphere, plane, or polyline, got <{other}>")
+
+
+def _cut(solid: _Solid, to_world: Transform, place: str) -> Iterator[Body]:
+    """Yield the outline of a solid between a robot's heights; of a tilted one its hull."""
+    x_m, y_m, z_m = to_world[:3, 3].tolist()
+    is_upright = abs(to_world[2, 2]) > 1.0 - _UPRIGHT
+    if solid.is_ball or is_upright:
+        up = 1.0 if solid.is_ball or to_world[2, 2] > 0.0 else -1.0
+        low_m, high_m = sorted((z_m + up * solid.low_m, z_m + up * solid.high_m))
+        if high_m <= LOWEST_M or low_m >= HIGHEST_M:
+            return
+        flat = solid.flat
+        if solid.is_ball and isinstance(flat, Disc):
+            widest_m = min(max(z_m, LOWEST_M), HIGHEST_M)
+            flat = Disc(math.sqrt(flat.radius_m**2 - (widest_m - z_m) ** 2))
+        elif up < 0.0 and isinstance(flat, Polygon):
+            # Upside down is a half turn about x: y changes its sign.
+            flat = Polygon(tuple((x, -y) for x, y in flat.vertices_m))
+        yaw_rad = math.atan2(to_world[1, 0], to_world[0, 0])
+        yield Body(place, flat, Pose(x_m, y_m, yaw_rad), low_m, high_m)
+        return
+    base = np.array(Body("", solid.flat, Pose(0.0, 0.0, 0.0)).outline.exterior.coords[:-1])
+    rings = [np.column_stack([base, np.full(len(base), end)]) for end in (solid.low_m, solid.high_m)]
+    low, high = (ring @ to_world[:3, :3].T + to_world[:3, 3] for ring in rings)
+    edges = [(ring, np.roll(ring, -1, axis=0)) for ring in (low, high)] + [(low, high)]
+    points = np.concatenate([_within(a, b) for a, b in edges])
+    if len(points) and (hull := shapely.MultiPoint(points[:, :2]).convex_hull).area > 0.0:
+        vertices = tuple((x - x_m, y - y_m) for x, y in hull.exterior.coords[:-1])
+        yield Body(place, Polygon(vertices), Pose(x_m, y_m, 0.0), float(points[:, 2].min()), float(points[:, 2].max()))
+
+
+def _within(begins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the ends (K, 3) of what of edges (N, 3) lies between the heights."""
+    rise = ends[:, 2] - begins[:, 2]
+    level = np.abs(rise) < _UPRIGHT
+    safe = np.where(level, 1.0, rise)
+    shares = np.sort(np.stack([(LOWEST_M - begins[:, 2]) / safe, (HIGHEST_M - begins[:, 2]) / safe]), axis=0)
+    inside = (begins[:, 2] >= LOWEST_M) & (begins[:, 2] <= HIGHEST_M)
+    first = np.where(level, np.where(inside, 0.0, 2.0), np.maximum(shares[0], 0.0))
+    last = np.where(level, np.where(inside, 1.0, -1.0), np.minimum(shares[1], 1.0))
+    kept = first <= last
+    a, b = begins[kept], ends[kept]
+    return np.concatenate([a + share[kept, None] * (b - a) for share in (first, last)])
