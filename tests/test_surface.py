@@ -83,6 +83,17 @@ def test_surface_reexports_every_name_to_type_checkers():
         assert len(pairs) == len(surface.homes(module))
 
 
+@pytest.mark.slow
+def test_surface_is_imported_without_errors_of_mypy(tmp_path):
+    lines = [f"from {module} import {name}" for module in surface.SURFACES for name in surface.homes(module)]
+    (tmp_path / "own.py").write_text("\n".join([*lines, "from vastflow.plugins import Gone", ""]))
+    command = [sys.executable, "-m", "mypy", "--config-file", "pyproject.toml", tmp_path / "own.py"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=600)
+    assert [line.partition("error: ")[2] for line in done.stdout.splitlines()[:-1]] == [
+        'Module "vastflow.plugins" has no attribute "Gone"  [attr-defined]'
+    ]
+
+
 def test_surface_names_what_it_lacks():
     with pytest.raises(AttributeError, match=r"module 'vastflow\.plugins' has no attribute 'Orakel'"):
         plugins.Orakel  # noqa: B018

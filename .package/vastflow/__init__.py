@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from vastflow.flows import instantiate as instantiate
     from vastflow.flows import judge as judge
     from vastflow.flows import observe as observe
-    from vastflow.flows import open_results as open  # noqa: F401
+    from vastflow.flows import open_results as open
     from vastflow.flows import run_campaign as run_campaign
     from vastflow.flows.results.summary import Results as Results
     from vastflow.flows.stages.values import Configurations as Configurations
@@ -30,17 +30,18 @@ if TYPE_CHECKING:
     from vastflow.tasks.store import StoreError as StoreError
 
     __version__: str
+    __all__ = ["open"]  # whose name is another where it comes from
 
+else:  # of which a type checker would conclude that every name is there
 
-def __getattr__(name: str) -> Any:
-    # Every command and every worker process imports this package: what it names is imported when it is asked for.
-    if name == "__version__":
-        return import_module("importlib.metadata").version("vastflow")
-    return import_module("vastflow.surface").named(__name__, name)
+    def __getattr__(name: str) -> Any:
+        # Every command and every worker process imports this package: what it names is imported when it is asked for.
+        if name == "__version__":
+            return import_module("importlib.metadata").version("vastflow")
+        return import_module("vastflow.surface").named(__name__, name)
 
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__getattr__("__all__")})
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__getattr__("__all__")})
 
 
 class _Earlier:

@@ -78,9 +78,10 @@ if TYPE_CHECKING:
     from vastflow.sim.world.noise_conformance import check_lidar_noise as check_lidar_noise
     from vastflow.sim.world.noise_registry import find_lidar_noise as find_lidar_noise
 
+else:  # of which a type checker would conclude that every name is there
 
-def __getattr__(name: str) -> Any:
-    return named(__name__, name)
+    def __getattr__(name: str) -> Any:
+        return named(__name__, name)
 
 
 def __dir__() -> list[str]:
