@@ -7,7 +7,7 @@ from vastflow.oracles.statistics.intervals import Floats
 
 
 def binomial_at_most(x: ArrayLike, n: ArrayLike, p: float) -> Floats:
-    """P(X <= x) of binomial counts X of n, 0 < p < 1; for x = -1 it is 0."""
+    """Return P(X <= x) of binomial counts X of n, 0 < p < 1."""
     from scipy.special import betainc
 
     x, n = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(n, dtype=np.float64))
@@ -30,14 +30,14 @@ def hypergeometric(drawn: float, failures: float, size: float) -> Floats:
     """P(X = x) at x = 0..`drawn` of the failures X among `drawn` of `size` runs, of which `failures` failed."""
     from scipy.special import betaln
 
-    def log_ways(n: Floats | float, k: Floats | float) -> Floats:
+    def log_binomial(n: Floats | float, k: Floats | float) -> Floats:
         """Logarithm of n over k, 0 <= k <= n."""
         return np.asarray(-np.log1p(n) - betaln(n - k + 1.0, k + 1.0))
 
     x = np.arange(drawn + 1.0)
     there = (x <= failures) & (drawn - x <= size - failures)
     rest, k = size - failures, np.where(there, x, max(0.0, drawn - size + failures))
-    chances = np.exp(log_ways(failures, k) + log_ways(rest, drawn - k) - log_ways(size, drawn))
+    chances = np.exp(log_binomial(failures, k) + log_binomial(rest, drawn - k) - log_binomial(size, drawn))
     return np.asarray(np.where(there, chances, 0.0))
 
 

@@ -18,7 +18,7 @@ class _Unknown(Exception):
 
 
 def content_of(function: Callable[..., Any]) -> str | None:
-    """Digest of a function's code and of the values and functions that it takes from its module, as numba freezes them.
+    """Digest of a function's code and of what it takes from its module, as numba freezes it.
 
     None if it takes something else, which could change without a trace.
     """

@@ -320,7 +320,7 @@ class DaskCluster:
     def _no_worker(self, paused: int) -> str:
         if not paused:
             command = f"dask worker {self._address} --nthreads 1 --dashboard-address 127.0.0.1:0"
-            return f"no worker at {self._address}. Start one, unless some are on their way: {command}"
+            return f"no worker at {self._address}. Start one, unless some are starting: {command}"
         return (
             f"all workers at {self._address} ({paused}) are paused by Dask, as they use more memory than their limit allows. "
             "Start others, or these anew, with a higher --memory-limit or with --memory-limit 0."

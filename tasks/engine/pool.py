@@ -189,7 +189,7 @@ class Pool:
                 self._start(self._suspects.pop(0), self._solo)
 
     def _is_much(self) -> bool:
-        """True if the units that wait are many, or one waits long; observing and judging take less than a worker's start."""
+        """True if many units wait, or one waits long: judging takes less than a worker's start."""
         longest_s = time.monotonic() - min(unit.queued_s for unit in self._waiting)
         long = sum(unit.priority not in (Priority.OBSERVE, Priority.JUDGE) for unit in self._waiting)
         return long >= MANY * self.workers or longest_s >= WAITS_S

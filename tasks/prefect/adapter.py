@@ -105,14 +105,14 @@ def database_url() -> str | None:
 
 
 def expect_one_application() -> None:
-    """Keep a server from digesting all settings, which takes a tenth of its start and tells applications of one process apart."""
+    """Keep a server from digesting all settings, which takes a tenth of its start."""
     from prefect.settings import Settings
 
     setattr(Settings, "hash_key", lambda self: "")  # noqa: B010
 
 
 def migrating_at_start(needed: bool) -> AbstractContextManager[Any]:
-    """Let a server that starts in this context migrate its database; looking whether it must takes as long as its services."""
+    """Let a server that starts in this context migrate its database."""
     from prefect.settings import temporary_settings
 
     return temporary_settings({} if needed else {"server.database.migrate_on_start": False})

@@ -50,7 +50,7 @@ def _names():
     return [f"campaign/quickstart-{pool}" for pool in ("lab", "docker", "cluster")]
 
 
-def test_all_deployments_of_the_file_name_the_folder_of_the_campaign(api, deployed):
+def test_deployments_of_file_name_folder_of_campaign(api, deployed):
     folders = {}
     for name, each in deployed.items():
         (step,) = each.pull_steps

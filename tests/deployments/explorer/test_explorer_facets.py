@@ -80,7 +80,7 @@ def test_facet_counts_values_under_conditions_of_other_facets(facets):
         assert each["rate"] == pytest.approx(mean_of_configurations(of))
 
 
-def test_rate_of_a_value_is_the_one_of_its_selection_where_it_divides_configurations(facets, table):
+def test_facet_has_rate_of_its_selection_where_value_divides_configurations(facets, table):
     for each in shown(facets.json({}), "purpose")["values"]:
         of = runs_of().query(f"purpose == '{each['value']}'")
         assert each["rate"] == pytest.approx(mean_of_configurations(of))

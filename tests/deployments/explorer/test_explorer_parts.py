@@ -47,7 +47,7 @@ def test_part_has_the_selection(client, campaign, view, query, words):
     assert [each for each in words if each not in reply.text] == []
 
 
-def test_number_of_many_digits_is_rounded_in_a_facet_and_whole_in_its_title(client, add_campaign, id_of):
+def test_facet_rounds_number_of_many_digits_and_title_has_it_whole(client, add_campaign, id_of):
     directory = add_campaign(3, {"hard": [4, 2, 1, 0]})
     write_wide(directory, wide_table(read_tables(directory)))
     page = client.get("/api/facets", params={"c": id_of(directory)}, headers=HTML).text
