@@ -30,6 +30,7 @@ MODULES: Final = frozenset({"shutil", "json", "np", "pickle", "yaml", "pq", "os"
 
 ALLOWED: Final[dict[str, tuple[int, str]]] = {
     "flows/cli/init.py": (3, "files of the installation"),
+    "flows/export/export.py": (1, "an archive that was opened as a regular file"),
     "flows/postprocessing/plug_in.py": (1, "the request of the parent process"),
     "flows/postprocessing/postprocess.py": (1, "the answer of a child process in a temporary folder"),
     "flows/results/address.py": (2, "metadata that was just written"),
@@ -60,6 +61,7 @@ ALLOWED: Final[dict[str, tuple[int, str]]] = {
     "tasks/keys/code_digest.py": (2, "files of the installation, and the user's cache with its digest"),
     "tasks/keys/keys.py": (1, "/proc/cpuinfo"),
     "tasks/keys/source.py": (1, "files of the installation, and copies of plug-ins"),
+    "tasks/prefect/api_server.py": (1, "a file of the installation"),
     "tasks/prefect/containers.py": (1, "a scalar of a file within the limits"),
     "tasks/prefect/manifests.py": (2, "files of the installation"),
     "tasks/prefect/server.py": (1, "the user's profiles of Prefect"),

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from vastflow.sim.kernels.streams import uniform as uniform
     from vastflow.sim.model.digest import Value as Value
     from vastflow.sim.model.parameter import parameter as parameter
+    from vastflow.sim.model.pose import Pose as Pose
     from vastflow.sim.model.recording import Run as Run
     from vastflow.sim.nav2.controllers.conformance import check_controller as check_controller
     from vastflow.sim.nav2.controllers.controller import Controller as Controller
@@ -71,12 +72,21 @@ if TYPE_CHECKING:
     from vastflow.sim.nav2.planners.planner import Planner as Planner
     from vastflow.sim.nav2.planners.planner import PlannerInput as PlannerInput
     from vastflow.sim.nav2.planners.planner import PlannerSetting as PlannerSetting
+    from vastflow.sim.system.facts import RobotFact as RobotFact
+    from vastflow.sim.system.system import System as System
+    from vastflow.sim.world.bodies import Body as Body
+    from vastflow.sim.world.bodies import Box as Box
+    from vastflow.sim.world.bodies import Disc as Disc
+    from vastflow.sim.world.bodies import Polygon as Polygon
     from vastflow.sim.world.motion import arc as arc
     from vastflow.sim.world.motion import wrapped as wrapped
     from vastflow.sim.world.noise import LidarNoise as LidarNoise
     from vastflow.sim.world.noise import Scan as Scan
     from vastflow.sim.world.noise_conformance import check_lidar_noise as check_lidar_noise
     from vastflow.sim.world.noise_registry import find_lidar_noise as find_lidar_noise
+    from vastflow.sim.world.readers.conformance import check_world_reader as check_world_reader
+    from vastflow.sim.world.readers.reader import WorldError as WorldError
+    from vastflow.sim.world.readers.reader import WorldReader as WorldReader
 
 else:  # of which a type checker would conclude that every name is there
 

@@ -16,7 +16,7 @@ from vastflow.sim.world.bodies import Body, Box, Disc, Polygon, walls_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import FREE, OccupancyMap
 from vastflow.sim.world.readers.circles import Circles
-from vastflow.sim.world.readers.conformance import check_reader
+from vastflow.sim.world.readers.conformance import check_world_reader
 from vastflow.sim.world.readers.reader import WorldError, bodies_of, files_of_world, read_bodies, world_content
 from vastflow.sim.world.readers.sdf import HIGHEST_M, LOWEST_M, Sdf
 
@@ -216,7 +216,7 @@ def test_wrong_circle_is_named_by_its_line(tmp_path, text, message):
 def test_readers_keep_their_promises(tmp_path, reader):
     (tmp_path / "a.csv").write_text("0,0,1\n")
     (tmp_path / "a.sdf").write_text(f"<sdf version='1.6'>{model(link(collision()))}</sdf>")
-    check_reader(reader, tmp_path / f"a{reader.suffixes[0]}")
+    check_world_reader(reader, tmp_path / f"a{reader.suffixes[0]}")
 
 
 def test_world_of_unknown_kind_names_kinds_there_are(tmp_path):

@@ -11,7 +11,7 @@ from vastflow.sim.world.readers.reader import FARTHEST_M, WorldError, WorldReade
 Reader = type[WorldReader]
 
 
-def check_reader(reader: Reader, file: Path) -> None:
+def check_world_reader(reader: Reader, file: Path) -> None:
     """Run all `CHECKS` on a reader with a file of its kind; raise an `AssertionError` otherwise."""
     for check in CHECKS:
         check(reader, file)
