@@ -1,6 +1,7 @@
 """Oracle `navigation`: the measures that the field compares navigation by, smoothness among them."""
 
 import itertools
+import math
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
@@ -14,6 +15,7 @@ from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.oracles.observation.goals import missed_goals
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Reference, Trace
+from vastflow.sim.model.elementary import hypots
 
 MAX_FREQUENCY_HZ: Final = 10.0
 AMPLITUDE: Final = 0.05
@@ -41,7 +43,7 @@ def spectral_arc_length(
     """
     if len(speed_mps) < 2 or not np.any(speed_mps):
         return None
-    n = 2 ** (int(np.ceil(np.log2(len(speed_mps)))) + _PADDING)
+    n = 1 << ((len(speed_mps) - 1).bit_length() + _PADDING)
     magnitude = np.abs(np.fft.rfft(speed_mps, n))
     frequency_hz = np.fft.rfftfreq(n, step_s)
     magnitude = magnitude / magnitude.max()
@@ -51,7 +53,8 @@ def spectral_arc_length(
     band = slice(within[0], within[-1] + 1)
     frequency_hz, magnitude = frequency_hz[band], magnitude[band]
     steps = np.diff(frequency_hz) / (frequency_hz[-1] - frequency_hz[0])
-    return -float(np.sum(np.hypot(steps, np.diff(magnitude))))
+    # A Fourier transform has its sines from the C library: its last digits are no result.
+    return -round(float(np.sum(hypots(steps, np.diff(magnitude)))), 9)
 
 
 class NavigationParameters(Parameters):
@@ -124,7 +127,7 @@ class Navigation(Oracle[NavigationParameters]):
             metrics["turning"] = float(np.abs(turned_rad).sum()) / driven_m
         if "stopped" in trace.columns:
             stops_s = stops(trace["t_s"], trace["stopped"] > 0, self.parameters.stop_s)
-            metrics |= {"stops": len(stops_s), "stopped_time": round(sum(stops_s), 3)}
+            metrics |= {"stops": len(stops_s), "stopped_time": round(math.fsum(stops_s), 3)}
         return self.passed(trace, **metrics)
 
 

@@ -11,6 +11,7 @@ from vastflow.oracles.judgement.oracle import Oracle, Parameters
 from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import NoReference, Trace
+from vastflow.sim.model.elementary import hypots
 
 
 class PerformanceParameters(Parameters):
@@ -69,7 +70,7 @@ class Performance(Oracle[PerformanceParameters]):
 def path_rmse_m(path_xy_m: NDArray[np.float64], other_xy_m: NDArray[np.float64], samples: int) -> float:
     """Root mean squared distance of two polylines (N, 2), (M, 2) at `samples` equal fractions of their arc lengths."""
     apart = resampled(path_xy_m, samples) - resampled(other_xy_m, samples)
-    return float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
+    return float(np.sqrt(np.mean(np.sum(apart * apart, axis=1))))
 
 
 def resampled(path_xy_m: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
@@ -84,4 +85,4 @@ def resampled(path_xy_m: NDArray[np.float64], samples: int) -> NDArray[np.float6
 
 def arc_lengths_m(path_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N,) distance along a polyline (N, 2) up to each of its points."""
-    return np.asarray(np.r_[0.0, np.cumsum(np.hypot(*np.diff(path_xy_m, axis=0).T))])
+    return np.asarray(np.r_[0.0, np.cumsum(hypots(*np.diff(path_xy_m, axis=0).T))])

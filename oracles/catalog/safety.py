@@ -14,6 +14,7 @@ from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Trace
+from vastflow.sim.model.elementary import hypots
 from vastflow.sim.model.obstacle import Obstacle
 
 _RESOLUTION_M: Final = 1e-3
@@ -44,7 +45,7 @@ def responses(trace: Trace, situation: Situation, braking: Braking) -> list[floa
         if track.appears_s is None or not len(trace):
             continue
         t_s = trace["t_s"]
-        apart_m = np.hypot(*(trace.xy_m - track.at(np.rint(t_s * 1000.0).astype(np.int32))).T)
+        apart_m = hypots(*(trace.xy_m - track.at(np.rint(t_s * 1000.0).astype(np.int32))).T)
         first = int(np.searchsorted(t_s, track.appears_s - 1e-9))
         if first >= len(t_s) or not np.isfinite(apart_m[first]) or np.argmin(apart_m[first:]) == 0:
             continue
@@ -198,7 +199,7 @@ class Safety(Oracle[SafetyParameters]):
         p, radius_m = self.parameters, obstacle.circumradius_m
         if reading == "cube" and obstacle.shape == "box":
             radius_m = math.sqrt(3) / 2 * max(obstacle.length_m, obstacle.width_m)
-        return radius_m + robot_m + p.max_speed_mps**2 / (2 * p.max_deceleration_mps2)
+        return radius_m + robot_m + p.max_speed_mps * p.max_speed_mps / (2 * p.max_deceleration_mps2)
 
     def _kept(self, trace: Trace, wrong: list[str], metrics: Mapping[str, float | None]) -> Verdict:
         """The verdict on a run that kept its separation but touched `wrong`."""

@@ -1,6 +1,5 @@
 """Oracle `success`: the scenario's own outcome."""
 
-import math
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -9,6 +8,7 @@ from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.oracles.observation.goals import missed_goals
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Trace
+from vastflow.sim.model.elementary import hypot
 
 
 class SuccessParameters(Parameters):
@@ -46,7 +46,7 @@ class Success(Oracle[SuccessParameters]):
         final_distance_m = None
         if len(trace) and situation.goals:
             (x_m, y_m), goal = trace.xy_m[-1], situation.goals[-1]
-            final_distance_m = math.hypot(x_m - goal.x_m, y_m - goal.y_m)
+            final_distance_m = hypot(x_m - goal.x_m, y_m - goal.y_m)
         has_robot, missed = "t_s" in trace.columns, missed_goals(trace, situation)
         metrics: dict[str, float | None] = {
             "final_distance": final_distance_m,

@@ -8,6 +8,7 @@ import numpy as np
 from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.oracles.observation.trace import Trace
 from vastflow.sim.loop.standstill import STANDSTILL_M, STOOD_STILL
+from vastflow.sim.model.elementary import hypot, hypots
 
 Cause: TypeAlias = Literal[
     "stood still",
@@ -90,7 +91,7 @@ def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
     if failed.keys() != {_SAFETY} and trace["localization_error_m"][end] > LOST_M:
         yield "lost"
     x_m, y_m = trace.xy_m[end]
-    touched = any(np.hypot(event.x_m - x_m, event.y_m - y_m) <= AT_M for event in trace.events("contact"))
+    touched = any(hypot(event.x_m - x_m, event.y_m - y_m) <= AT_M for event in trace.events("contact"))
     if (_SUCCESS in failed and touched) or (_SAFETY in failed and _fails_contact(failed[_SAFETY])):
         yield "contact"
     if _SUCCESS in failed:
@@ -122,7 +123,7 @@ def _path_lost_by_jump(trace: Trace) -> bool:
     if not failures or failures[-1].what != _INVALID_PATH:
         return False
     error_m = np.column_stack((trace["estimated_x_m"] - trace["x_m"], trace["estimated_y_m"] - trace["y_m"]))
-    jumped_s = trace["t_s"][1:][np.hypot(*np.diff(error_m, axis=0).T) >= JUMP_M]
+    jumped_s = trace["t_s"][1:][hypots(*np.diff(error_m, axis=0).T) >= JUMP_M]
     return bool(np.any(np.abs(failures[-1].t_s - jumped_s) <= JUMP_S))
 
 

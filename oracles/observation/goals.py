@@ -6,6 +6,7 @@ import numpy as np
 
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Trace
+from vastflow.sim.model.elementary import hypots
 
 REMOVED_M: Final = 0.75
 """Distance of the estimate at which Nav2 takes a goal for passed: the 0.7 m of RemovePassedGoals, and the way between two rows."""
@@ -25,7 +26,7 @@ def missed_goals(trace: Trace, situation: Situation) -> int:
     if "estimated_x_m" in trace.columns:
         limits += [(np.column_stack([trace["estimated_x_m"], trace["estimated_y_m"]]), REMOVED_M)]
     for goal in situation.passed:
-        within = [np.hypot(*(xy_m[at:] - (goal.x_m, goal.y_m)).T) <= limit_m for xy_m, limit_m in limits]
+        within = [hypots(*(xy_m[at:] - (goal.x_m, goal.y_m)).T) <= limit_m for xy_m, limit_m in limits]
         near = np.flatnonzero(np.all(within, axis=0))
         if near.size:
             at += int(near[0])

@@ -23,6 +23,7 @@ from vastflow.oracles.observation.trace import (
     reference_row,
 )
 from vastflow.sim.model.blocks import read_recordings, write_block
+from vastflow.sim.model.elementary import atan2s, hypots
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.recording import Recording, si
 from vastflow.sim.model.scenario import Scenario
@@ -98,7 +99,7 @@ def _nearest_passable(
     if not rows.size:
         return None
     centers = [occupancy.center_of(int(r) + row0, int(c) + column0) for r, c in zip(rows, columns, strict=True)]
-    distances = np.hypot(*(np.array(centers) - (x_m, y_m)).T)
+    distances = hypots(*(np.array(centers) - (x_m, y_m)).T)
     nearest = int(np.argmin(distances))
     return centers[nearest] if distances[nearest] <= within_m else None
 
@@ -111,7 +112,7 @@ def _corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
     if len(points) < 3:
         return np.asarray(points_mm * 1e-3)
     steps = np.diff(points, axis=0)
-    headings = np.round(np.arctan2(steps[:, 1], steps[:, 0]), 6)
+    headings = np.round(atan2s(steps[:, 1], steps[:, 0]), 6)
     turns = headings[1:] != headings[:-1]
     return np.asarray(points_mm[np.r_[True, turns, True]] * 1e-3)
 
@@ -168,7 +169,7 @@ class ScenarioObserver:
         reference = self.references(tuple(track.obstacle for track in obstacles if track.was_there))
         x_m, y_m = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
         estimated_x_m, estimated_y_m = si(recording.columns["estimated_x_mm"]), si(recording.columns["estimated_y_mm"])
-        derived = {"localization_error_mm": _mm(np.hypot(estimated_x_m - x_m, estimated_y_m - y_m))}
+        derived = {"localization_error_mm": _mm(hypots(estimated_x_m - x_m, estimated_y_m - y_m))}
         slow = np.abs(si(recording.columns["speed_mmps"])) < STANDING_MPS
         if "lateral_speed_mmps" in recording.columns:
             slow &= np.abs(si(recording.columns["lateral_speed_mmps"])) < STANDING_MPS
@@ -204,7 +205,7 @@ def distances_to(
     for track in obstacles:
         kind = "static" if track.was_there and track.appears_s is None else "appearing"
         apart_m.setdefault(f"{kind}_clearance_mm", []).append(track.clearance_m(t_ms, xy_m))
-        centers_m = np.hypot(*(xy_m - track.at(t_ms)).T)
+        centers_m = hypots(*(xy_m - track.at(t_ms)).T)
         apart_m.setdefault(f"separation_mm/{track.obstacle.size_class}", []).append(centers_m)
     return {name: _mm(np.min(apart_m[name], axis=0)) for name in sorted(apart_m, key=lambda name: ("/" in name, name))}
 
@@ -218,7 +219,7 @@ def _clearance_m(
     _, nearest = wall_cells.query(at - 0.5, k=candidates)
     centers = wall_cells.data[np.reshape(nearest, (len(at), candidates))] + 0.5
     beyond = np.maximum(np.abs(centers - at[:, None, :]) - 0.5, 0.0)
-    clearance = np.hypot(beyond[..., 0], beyond[..., 1]).min(axis=1)
+    clearance = hypots(beyond[..., 0], beyond[..., 1]).min(axis=1)
     rows, columns = np.floor(at).astype(int).T
     on_grid = (rows >= 0) & (columns >= 0) & (rows < occupancy.shape[0]) & (columns < occupancy.shape[1])
     inside = np.zeros(len(at), dtype=np.bool_)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.observation.situation import Situation
+from vastflow.sim.model.elementary import cos_sin, dist, hypots
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Run
@@ -64,13 +65,13 @@ class ObstacleTrack:
         place = self._place(t_ms)
         x_m, y_m = (xy_m - self.xy_m[place]).T
         if self.obstacle.shape == "cylinder":
-            return np.asarray(np.maximum(np.hypot(x_m, y_m) - self.obstacle.length_m / 2, 0.0))
+            return np.asarray(np.maximum(hypots(x_m, y_m) - self.obstacle.length_m / 2, 0.0))
         there = np.isfinite(x_m)
         x_m, y_m = np.where(there, x_m, 0.0), np.where(there, y_m, 0.0)
-        c, s = np.cos(self.yaw_rad[place]), np.sin(self.yaw_rad[place])
+        c, s = np.array([cos_sin(yaw_rad) for yaw_rad in self.yaw_rad.tolist()]).T[:, place]
         beyond_x_m = np.maximum(np.abs(c * x_m + s * y_m) - self.obstacle.length_m / 2, 0.0)
         beyond_y_m = np.maximum(np.abs(c * y_m - s * x_m) - self.obstacle.width_m / 2, 0.0)
-        return np.where(there, np.hypot(beyond_x_m, beyond_y_m), np.inf)
+        return np.where(there, hypots(beyond_x_m, beyond_y_m), np.inf)
 
     def _place(self, t_ms: NDArray[np.int32]) -> NDArray[np.int64]:
         return np.searchsorted(self.since_ms, t_ms, side="right") - 1
@@ -100,7 +101,7 @@ def obstacle_tracks_of(situation: Situation, run: Run) -> tuple[ObstacleTrack, .
             what = f"expected an obstacle of the scenario ({names}), got {event.what!r}"
             raise ValueError(f"event {event.kind!r} at {event.t_s:g} s: {what}")
         possible = [k for k in known if there[k] != (event.kind == _SPAWNED)] or known
-        k = min(possible, key=lambda k: math.dist(last[k], (event.x_m, event.y_m)))
+        k = min(possible, key=lambda k: dist(last[k], (event.x_m, event.y_m)))
         there[k], last[k] = event.kind != _DELETED, (event.x_m, event.y_m)
         places[k].append((round(event.t_s * 1000.0), *(last[k] if there[k] else _AWAY), event.value))
     columns = [np.array(each).T for each in places]

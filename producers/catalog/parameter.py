@@ -18,6 +18,7 @@ from vastflow.producers.model.numbers import Count, NotNegative, Number, Seed
 from vastflow.producers.model.producer import Draws, Producer
 from vastflow.producers.places.ground import MAP_FILE_KEYS, map_value, serializable
 from vastflow.sim.model.digest import Value, digest
+from vastflow.sim.model.elementary import normals
 from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.obstacle import lists_obstacles
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
@@ -199,7 +200,10 @@ class ParameterVariationDistributionGaussian(DistributionProducer[GaussianParame
 
     def _draw(self, rng: np.random.Generator) -> Value:
         asked = self.parameters
-        value = max(float(rng.normal(asked.mean, asked.std)), -math.inf if asked.min is None else asked.min)
+        value = max(
+            asked.mean + asked.std * float(normals(rng, (1,), np.float64)[0]),
+            -math.inf if asked.min is None else asked.min,
+        )
         value = min(value, math.inf if asked.max is None else asked.max)
         if asked.type in WHOLE:
             return round(value)

@@ -51,6 +51,7 @@ from vastflow.producers.places.stops import (
     start_key,
 )
 from vastflow.sim.model.digest import FileContent, Value, digest
+from vastflow.sim.model.elementary import atan2
 from vastflow.sim.model.faults import Invalid
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Dimension
@@ -249,7 +250,7 @@ def path_values(ground: Ground, legs: Sequence[Leg]) -> dict[str, Value]:
     return {
         **path_properties(ground, cells, stops),
         PATH_KEY: [list(center_m(ground, (int(row), int(column)))) for row, column in corners(cells)],
-        PATH_LENGTH_KEY: sum(leg.length_m for leg in legs),
+        PATH_LENGTH_KEY: math.fsum(leg.length_m for leg in legs),
     }
 
 
@@ -261,7 +262,7 @@ def _to_given_goals(ground: Ground, start: Pose | None, goals: Sequence[Pose], r
         if leg is None:
             return _always(f"there is no path for {ground.robot_text} through the given poses")
         legs.append(leg)
-    given_m = sum(leg.length_m for leg in legs)
+    given_m = math.fsum(leg.length_m for leg in legs)
     length = length_text(request.length_m, request.tolerance_m)
     if start is not None:
         return _always(legs if request.admits(given_m) else f"the given poses are {given_m:.2f} m apart, not {length}")
@@ -298,7 +299,7 @@ def _arrival_rad(ground: Ground, leg: Leg) -> float:
     """Direction of the last `ARRIVAL_M` of a leg."""
     back = min(math.ceil(ARRIVAL_M / ground.occupancy.resolution_m), len(leg.cells) - 1)
     row, column = leg.cells[-1] - leg.cells[-1 - back]
-    return math.remainder(math.atan2(row, column) + ground.occupancy.yaw_rad, math.tau)
+    return math.remainder(atan2(int(row), int(column)) + ground.occupancy.yaw_rad, math.tau)
 
 
 def center_m(ground: Ground, cell: Cell) -> tuple[float, float]:

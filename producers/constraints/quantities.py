@@ -24,6 +24,7 @@ from vastflow.producers.places.stops import (
     given_start,
 )
 from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.elementary import dist
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.reading.world import MAP_KEY
@@ -87,7 +88,7 @@ def _clearances_on(map_file: FileContent, path: Points) -> tuple[float, float, f
     occupancy, distance_m = read_map(map_file), _distance_m(map_file)
     points = [path[0]]  # no farther apart than cells
     for one, other in itertools.pairwise(np.array(path)):
-        steps = max(1, math.ceil(math.dist(one, other) / occupancy.resolution_m))
+        steps = max(1, math.ceil(dist(one, other) / occupancy.resolution_m))
         points += [tuple(one + (other - one) * (k / steps)) for k in range(1, steps + 1)]
     cells = np.array([occupancy.cell_of(*point) for point in points])
     along = distance_m[tuple(np.clip(cells, 0, np.array(distance_m.shape) - 1).T)]
@@ -115,7 +116,7 @@ def _density(partial: Partial) -> float:
 
 def _straight_m(partial: Partial) -> float:
     points: Any = partial.values[PATH_KEY] if PATH_KEY in partial.values else _stops(partial)
-    return math.dist(points[0], points[-1])
+    return dist(points[0], points[-1])
 
 
 QUANTITIES: Final[Mapping[str, Callable[[Partial], int | float]]] = {

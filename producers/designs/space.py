@@ -274,7 +274,7 @@ def _points(asked: Sample, n_factors: int, rng: np.random.Generator) -> NDArray[
     if asked.method == "lhs":
         points: NDArray[np.float64] = qmc.LatinHypercube(n_factors, rng=rng).random(asked.size)
         return points
-    exponent = math.ceil(math.log2(asked.size)) if asked.size > 1 else 0
+    exponent = max(asked.size - 1, 0).bit_length()
     points = qmc.Sobol(n_factors, rng=rng).random_base2(exponent)[: asked.size]
     return points
 

@@ -30,6 +30,7 @@ from vastflow.producers.floorplan.reading import (
     plan_of,
 )
 from vastflow.producers.floorplan.syntax import PlanText
+from vastflow.sim.model.elementary import dist
 from vastflow.sim.model.faults import Fault, FileError, Place, Problem
 from vastflow.sim.model.files import TextPlace
 
@@ -242,7 +243,7 @@ class _Builder:
         pose, corners, thickness_m = self._poses[space.name], space.outline, space.thickness_m
         for k, (edge, outline) in enumerate(zip(edges(corners), wall_outlines(corners, thickness_m), strict=True)):
             name, frame = wall_name(space.name, k), pose.then(wall_frame(corners, k))
-            yield Wall(name, pose.outline(outline), space.height_m, math.dist(*edge), thickness_m, frame)
+            yield Wall(name, pose.outline(outline), space.height_m, dist(*edge), thickness_m, frame)
 
     def _hole(self, opening: Opening, walls: Mapping[str, Wall]) -> Hole | None:
         """Return the part of the first wall that an opening removes, or None."""
@@ -265,7 +266,7 @@ class _Builder:
             z0, z1 = _span(z for _, z in shape)
         if z1 > height_m + ROUNDING_M:
             self._note(opening, f"it reaches up to {z1:g} m", f"it is cut to its wall of {height_m:g} m")
-        frame, depth_m = cut[0].frame, sum(wall.thickness_m for wall in cut)
+        frame, depth_m = cut[0].frame, math.fsum(wall.thickness_m for wall in cut)
         footprint = frame.outline(((x0, depth_m), (x1, depth_m), (x1, 0.0), (x0, 0.0)))
         names = tuple(wall.name for wall in cut)
         return Hole(opening.name, opening.kind, names, shape, depth_m, frame, footprint, z0, z1)

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import shapely
 
+from vastflow.sim.model.elementary import atan2, cos, cos_sin, dist
 from vastflow.sim.model.faults import Complaint, Got
 
 Point: TypeAlias = tuple[float, float]
@@ -18,7 +19,7 @@ SMALLEST_M: Final = 0.001
 
 CIRCLE_CORNERS: Final = 64
 
-SHARPEST: Final = 1.0 + math.cos(math.radians(179.0))
+SHARPEST: Final = 1.0 + cos(math.radians(179.0))
 """1 + cosine of the turn at a corner of 1°: the mitre of walls that meet at less leads nowhere."""
 
 
@@ -31,12 +32,12 @@ def rectangle(width_m: float, length_m: float) -> Outline:
 def circle(radius_m: float) -> Outline:
     """A circle about the origin as a polygon with its corners on it, clockwise from the top."""
     turns = (2 * math.pi * k / CIRCLE_CORNERS for k in range(CIRCLE_CORNERS))
-    return tuple((radius_m * math.sin(turn), radius_m * math.cos(turn)) for turn in turns)
+    return tuple((radius_m * s, radius_m * c) for c, s in map(cos_sin, turns))
 
 
 def signed_area(outline: Outline) -> float:
     """Area (m²), negative where the corners run clockwise."""
-    return sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in edges(outline)) / 2
+    return math.fsum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in edges(outline)) / 2
 
 
 def edges(outline: Outline) -> tuple[tuple[Point, Point], ...]:
@@ -63,7 +64,7 @@ def outline_fault(outline: Outline) -> Complaint | None:
     if len(outline) < 3:
         return Got(f"a Polygon with {len(outline)} corners"), "three corners or more"
     for k, ((x, y), end) in enumerate(edges(outline)):
-        if math.dist((x, y), end) < SMALLEST_M:
+        if dist((x, y), end) < SMALLEST_M:
             what = f"corners {k} and {(k + 1) % len(outline)} of the Polygon are both at ({x:g}, {y:g})"
             return what, "move them apart"
     polygon = shapely.Polygon(outline)
@@ -72,7 +73,7 @@ def outline_fault(outline: Outline) -> Complaint | None:
         place = " near ({:g}, {:g})".format(*map(float, at.rstrip("]").split())) if at else ""
         crosses = "crosses itself" if "intersection" in reason else "touches itself"
         return f"the Polygon's outline {crosses}{place}", "list the corners in order round one area"
-    if polygon.area < SMALLEST_M**2:
+    if polygon.area < SMALLEST_M * SMALLEST_M:
         return f"the Polygon's corners enclose only {polygon.area:.3g} m²", "they must enclose an area"
     return None
 
@@ -95,13 +96,13 @@ class Transform(NamedTuple):
 
     def inverse(self) -> "Transform":
         """Return the inverse."""
-        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        return Transform(-cos * self.x_m - sin * self.y_m, sin * self.x_m - cos * self.y_m, -self.yaw_rad)
+        c, s = cos_sin(self.yaw_rad)
+        return Transform(-c * self.x_m - s * self.y_m, s * self.x_m - c * self.y_m, -self.yaw_rad)
 
     def apply(self, point: Point) -> Point:
         """A point of the inner frame in the outer one."""
-        (x, y), cos, sin = point, math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        return self.x_m + cos * x - sin * y, self.y_m + sin * x + cos * y
+        (x, y), (c, s) = point, cos_sin(self.yaw_rad)
+        return self.x_m + c * x - s * y, self.y_m + s * x + c * y
 
     def outline(self, points: Iterable[Point]) -> Outline:
         """An outline of the inner frame in the outer one, to the nanometer: what touches, touches exactly."""
@@ -115,7 +116,7 @@ IDENTITY: Final = Transform(0.0, 0.0, 0.0)
 def wall_frame(outline: Outline, wall: int) -> Transform:
     """Return a wall's frame in its space's: origin in the middle of the edge, x along it."""
     (x0, y0), (x1, y1) = outline[wall], outline[(wall + 1) % len(outline)]
-    return Transform((x0 + x1) / 2, (y0 + y1) / 2, math.atan2(y1 - y0, x1 - x0))
+    return Transform((x0 + x1) / 2, (y0 + y1) / 2, atan2(y1 - y0, x1 - x0))
 
 
 def sharp_corner(outline: Outline) -> int | None:
@@ -155,6 +156,6 @@ def wall_outlines(outline: Outline, thickness_m: float) -> tuple[Outline, ...]:
 def _normals(outline: Outline) -> list[Point]:
     normals = []
     for start, end in edges(outline):
-        length = math.dist(start, end)
+        length = dist(start, end)
         normals.append(((start[1] - end[1]) / length, (end[0] - start[0]) / length))
     return normals

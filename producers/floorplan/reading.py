@@ -17,6 +17,7 @@ from vastflow.producers.floorplan.geometry import (
     signed_area,
 )
 from vastflow.producers.floorplan.syntax import FrameText, Part, PlanText, Quantity
+from vastflow.sim.model.elementary import cos_sin
 from vastflow.sim.model.faults import Fault, FaultKind, FileError, Got, Place, Problem
 from vastflow.sim.model.files import TextPlace
 from vastflow.sim.model.names import did_you_mean
@@ -431,7 +432,7 @@ class _Reader:
 
     def _opening(self, section: _Section) -> Opening:
         outline, (x_m, z_m, turn_rad) = self._outline(section), self._offset(section)
-        cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+        cos, sin = cos_sin(turn_rad)
         # Turned about y in the wall's x–z plane, z turns towards x.
         upright = tuple((round(x_m + cos * x + sin * z, 9), round(z_m - sin * x + cos * z, 9)) for x, z in outline)
         kind: OpeningKind = "Entryway" if section.kind == "Entryway" else "Window"

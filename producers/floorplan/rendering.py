@@ -20,6 +20,7 @@ from vastflow.producers.floorplan.building import Building, Hole, Room, SolidBlo
 from vastflow.producers.floorplan.geometry import Outline, Point, edges
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.producers.floorplan.mesh import mesh_of, stl, volume_of
+from vastflow.sim.model.elementary import atan2, dist, sin
 
 LONG_SIDE_IN: Final = 13.0
 MARGIN_IN: Final = 0.7
@@ -114,7 +115,7 @@ def _label(
     """Place, text, size and turn of a room's name and measures, as large as fits; None where nothing does."""
     if floor.is_empty:  # another room covers it
         return None
-    sides = [math.dist(*edge) for edge in edges(room.outline)]
+    sides = [dist(*edge) for edge in edges(room.outline)]
     area_m2 = shapely.Polygon(room.outline).area
     rectangular = len(sides) == 4 and math.isclose(area_m2, sides[0] * sides[1], rel_tol=1e-6)
     measure = f"{_meters(sides[0])} × {_meters(sides[1])} m" if rectangular else f"{area_m2:.1f} m²"
@@ -137,16 +138,16 @@ def _text_extent(room: Room) -> tuple[float, float, float]:
 
     Texts run along the longer side, but level where a room is nearly square.
     """
-    along, across = sorted(edges(room.outline)[:2], key=lambda edge: -math.dist(*edge))
-    if math.dist(*along) < 1.6 * math.dist(*across) and abs(math.sin(_direction(along))) > math.sin(math.pi / 4):
+    along, across = sorted(edges(room.outline)[:2], key=lambda edge: -dist(*edge))
+    if dist(*along) < 1.6 * dist(*across) and abs(sin(_direction(along))) > sin(math.pi / 4):
         along, across = across, along
     turn_deg = math.degrees(_direction(along))
-    return math.dist(*along), math.dist(*across), 90.0 - (90.001 - turn_deg) % 180.0 + 0.001
+    return dist(*along), dist(*across), 90.0 - (90.001 - turn_deg) % 180.0 + 0.001
 
 
 def _direction(edge: tuple[Point, Point]) -> float:
     (x0, y0), (x1, y1) = edge
-    return math.atan2(y1 - y0, x1 - x0)
+    return atan2(y1 - y0, x1 - x0)
 
 
 def _meters(length_m: float) -> str:

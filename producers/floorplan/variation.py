@@ -1,5 +1,6 @@
 """The Variation DSL: from the text of a `.variation` file to the numbers that it draws for a plan."""
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -71,8 +72,8 @@ class Distribution:
             return Got(f"std {self.values[1]:g}"), "0 or more"
         if self.kind == "discrete" and min(self.probabilities) < 0.0:
             return f"the probability {min(self.probabilities):g} is negative", "each pair begins with a probability"
-        if self.kind == "discrete" and abs(sum(self.probabilities) - 1.0) > PROBABILITY_ROUNDING:
-            what = f"the probabilities add up to {sum(self.probabilities):g}"
+        if self.kind == "discrete" and abs(math.fsum(self.probabilities) - 1.0) > PROBABILITY_ROUNDING:
+            what = f"the probabilities add up to {math.fsum(self.probabilities):g}"
             return what, "they must add up to 1, and each pair begins with one"
         return None
 

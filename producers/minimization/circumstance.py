@@ -1,12 +1,10 @@
 """Circumstances: what of a scenario can be taken away, brought nearer to its default, or shortened."""
 
-import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Final, Literal, TypeAlias
 
-import numpy as np
 from shapely.geometry import Point
 
 from vastflow.producers.campaign_file.scenario_values import LOOPS_KEY
@@ -14,6 +12,7 @@ from vastflow.producers.places.ground import Ground, ground_of
 from vastflow.producers.places.route import shortest_leg
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.elementary import atan2, hypots
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.obstacle import TRIGGER_POINT_KEY, TRIGGER_THRESHOLD_KEY, obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of
@@ -212,7 +211,7 @@ def _ground(values: dict[str, Any]) -> Ground | None:
         outline = system_of(plain).start_outline
     except FileError:  # the run says what is wrong with it
         return None
-    return ground_of(content, round(2 * float(np.hypot(*outline.T).max()), 3))
+    return ground_of(content, round(2 * float(hypots(*outline.T).max()), 3))
 
 
 def _along(ground: Ground, start: Pose, end: Pose) -> list[Pose] | None:
@@ -229,7 +228,7 @@ def _along(ground: Ground, start: Pose, end: Pose) -> list[Pose] | None:
     poses = []
     for k, (x_m, y_m) in enumerate(points):
         (x0, y0), (x1, y1) = (points[i] for i in ((k, min(k + ahead, last)) if k < last else (max(k - ahead, 0), k)))
-        poses.append(Pose(round(x_m, 3), round(y_m, 3), round(math.atan2(y1 - y0, x1 - x0), 3)))
+        poses.append(Pose(round(x_m, 3), round(y_m, 3), round(atan2(y1 - y0, x1 - x0), 3)))
     return poses
 
 

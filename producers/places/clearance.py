@@ -13,6 +13,7 @@ from vastflow.producers.places.ground import Ground, touched_cells
 from vastflow.producers.places.placement import Site, around
 from vastflow.producers.places.route import corners
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.elementary import atan2s, hypots
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.world.occupancy import OccupancyMap
 
@@ -109,7 +110,7 @@ def narrowest_passage_cells(clearance: Clearance, cells: Cells) -> float | None:
     here = cells.astype(np.float64)
     first = nearest[:, cells[:, 0], cells[:, 1]].T.astype(np.float64)
     away = here - first
-    away /= np.maximum(np.hypot(away[:, 0], away[:, 1]), 1.0)[:, None]
+    away /= np.maximum(hypots(away[:, 0], away[:, 1]), 1.0)[:, None]
     width = np.inf
     for step in itertools.count(1):
         at = np.rint(here + step * away).astype(np.int64)
@@ -119,12 +120,12 @@ def narrowest_passage_cells(clearance: Clearance, cells: Cells) -> float | None:
             break
         other = nearest[:, at[:, 0], at[:, 1]].T.astype(np.float64)
         to_first, to_other = first - at, other - at
-        far, near = np.hypot(*to_first.T), np.hypot(*to_other.T)
+        far, near = hypots(*to_first.T), hypots(*to_other.T)
         cosine = np.where(near > 0, (to_first * to_other).sum(axis=1) / np.maximum(far * near, 1.0), -1.0)
         met = (near < far - _CLOSER_CELLS) & (cosine < _CORNER)
         facing = met & (cosine <= _FACING)
         if facing.any():
-            width = min(width, float(np.hypot(*(first - other)[facing].T).min()) - 2 * _OF_A_CELL)
+            width = min(width, float(hypots(*(first - other)[facing].T).min()) - 2 * _OF_A_CELL)
         # What faces each other is farther apart than either is from here.
         going = ~met & (far <= width + 2 * _OF_A_CELL)
         here, first, away = here[going], first[going], away[going]
@@ -142,6 +143,6 @@ def turning_rad(cells: Cells, passable: NDArray[np.bool_]) -> float:
         if not passable[tuple(np.rint(straight).astype(np.int64).T)].all():
             kept.append(cells[k - 1])
     legs = np.diff(np.array([*kept, cells[-1]]), axis=0)
-    headings = np.arctan2(legs[:, 0], legs[:, 1])[np.any(legs != 0, axis=1)]
+    headings = atan2s(legs[:, 0], legs[:, 1])[np.any(legs != 0, axis=1)]
     turns = np.diff(headings)
     return float(np.abs((turns + np.pi) % (2 * np.pi) - np.pi).sum())

@@ -148,7 +148,7 @@ def _near(occupied: NDArray[np.bool_], room_cells: float) -> NDArray[np.bool_]:
 
     near = np.zeros_like(occupied)
     for rows in range(math.floor(room_cells + 0.5) + 1 if room_cells > 0.0 else 0):
-        along = math.floor(math.sqrt(room_cells**2 - max(rows - 0.5, 0.0) ** 2) + 0.5)
+        along = math.floor(math.sqrt(room_cells * room_cells - max(rows - 0.5, 0.0) * max(rows - 0.5, 0.0)) + 0.5)
         wide = ndimage.maximum_filter1d(occupied, 2 * along + 1, axis=1, mode="constant")
         near[: len(near) - rows] |= wide[rows:]
         near[rows:] |= wide[: len(near) - rows]
@@ -174,7 +174,7 @@ def touched_cells(occupancy: OccupancyMap, area: Polygon, reach_cells: float = 0
     sides = np.diff(outline, axis=0)
     normals = np.column_stack((sides[:, 1], -sides[:, 0]))
     # Separating axes: the grid's own are the bounds above. A tenth of the time of one shapely box a cell.
-    beyond = centers @ normals.T - np.sum(outline[:-1] * normals, axis=1)
+    beyond = centers[:, :1] * normals[:, 0] + centers[:, 1:] * normals[:, 1] - np.sum(outline[:-1] * normals, axis=1)
     most = np.abs(normals).sum(axis=1) * occupancy.resolution_m * reach_cells
     return np.asarray(cells[~np.any(beyond > most, axis=1)])
 

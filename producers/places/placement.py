@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapely.geometry import Point, Polygon
 
 from vastflow.producers.places.ground import Ground, touched_cells
+from vastflow.sim.model.elementary import atan2, cos_sin, dist, hypots
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 
@@ -29,7 +30,7 @@ class Outline(NamedTuple):
 
     def nearer_than(self, distance_m: float, other: "Outline") -> bool:
         """Whether two areas are nearer to each other than `distance_m`, which is more than 0."""
-        gap_m = math.dist(self.center_m, other.center_m) - self.radius_m - other.radius_m
+        gap_m = dist(self.center_m, other.center_m) - self.radius_m - other.radius_m
         return gap_m <= distance_m + ROUNDING_M and bool(self.area.distance(other.area) < distance_m)
 
 
@@ -54,7 +55,7 @@ class Line:
     def along(cls, corners_m: NDArray[np.float64]) -> Self:
         """The line of these corners (N, 2)."""
         steps = np.diff(corners_m, axis=0)
-        return cls(corners_m, np.concatenate(([0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))))
+        return cls(corners_m, np.concatenate(([0.0], np.cumsum(hypots(steps[:, 0], steps[:, 1])))))
 
     def draw(self, max_distance_m: float, rng: np.random.Generator) -> Pose:
         """A pose within `max_distance_m` of the line, uniform along it, across it and in yaw."""
@@ -67,8 +68,9 @@ class Line:
         if length_m > 0.0:
             i = int(np.searchsorted(self.along_m[1:-1], at_m, side="right"))
             step_x_m, step_y_m = (self.corners_m[i + 1] - self.corners_m[i]).tolist()
-            heading_rad = math.atan2(step_y_m, step_x_m)
-        x_m, y_m = x_m - across_m * math.sin(heading_rad), y_m + across_m * math.cos(heading_rad)
+            heading_rad = atan2(step_y_m, step_x_m)
+        c, s = cos_sin(heading_rad)
+        x_m, y_m = x_m - across_m * s, y_m + across_m * c
         return Pose(round(x_m, 6), round(y_m, 6), round(float(yaw_rad), 6))
 
 
@@ -162,7 +164,7 @@ class _Layout:
         clear_m = max(ground.robot_diameter_m / 2 + MARGIN_M, ground.room_m + ROUNDING_M)
         if any(outline.nearer_than(clear_m, stop) for stop in self._stops):
             return "left no room for the robot at its start or goals"
-        if math.dist(outline.center_m, self._site.stops_xy_m[0]) < from_start_m:
+        if dist(outline.center_m, self._site.stops_xy_m[0]) < from_start_m:
             return f"lay within {from_start_m:g} m of the start"
         if any(outline.nearer_than(MARGIN_M, other) for other in self._outlines):
             return "came too close to another obstacle"
@@ -272,7 +274,7 @@ def _drawn_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator)
                 break
             pose = line.draw(each.max_distance_m, rng)
             center = pose.x_m, pose.y_m
-            if all(math.dist(center, other) >= least_m for other, least_m in taken):
+            if all(dist(center, other) >= least_m for other, least_m in taken):
                 taken.append((center, FROM_EACH_OTHER * diameter_m))
                 left -= 1
                 yield replace(each.pattern, pose=pose)

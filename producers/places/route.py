@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.producers.places.ground import Ground
+from vastflow.sim.model.elementary import hypots
 
 Cell = tuple[int, int]
 
@@ -144,7 +145,7 @@ def draw_leg(ground: Ground, start: Cell, request: LegRequest, rng: np.random.Ge
     """
     reach = reach_of(ground, start, request.length_m + request.tolerance_m)
     ends = reach.around(request.length_m, request.tolerance_m + FIELD_ERROR_M)
-    straight_m = np.hypot(*(ends - start).T) * ground.occupancy.resolution_m
+    straight_m = hypots(*(ends - start).T) * ground.occupancy.resolution_m
     ends = ends[straight_m >= request.min_distance_m - ROUNDING_M]
     for i in rng.permutation(len(ends)) if len(ends) else ():
         if not ground.stops[ends[i, 0], ends[i, 1]]:
@@ -235,7 +236,7 @@ class StartSearch:
         rows, columns = ground.cells[:, 0], ground.cells[:, 1]
         row, column = self._cell(start)
         distance_m = reach_of(ground, (row, column), math.inf).lengths_m(ground.cells)
-        straight_m = np.hypot(rows - row, columns - column) * resolution_m
+        straight_m = hypots(rows - row, columns - column) * resolution_m
         slack_m = np.maximum(
             np.abs(distance_m - request.length_m) - request.tolerance_m, request.min_distance_m - straight_m
         )

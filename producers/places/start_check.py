@@ -16,6 +16,7 @@ from vastflow.producers.model.producer import ROOM_KEY, Producer, draws_of, may_
 from vastflow.producers.places.ground import touched_cells
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, canonical
+from vastflow.sim.model.elementary import cos_sin
 from vastflow.sim.model.faults import FileError, Got, Problem
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of
 from vastflow.sim.model.polygon import circumscribed_radius_m
@@ -94,8 +95,9 @@ class StartCheck:
                 self._outlines[parameters] = _outline(system)
             if (outline := self._outlines[parameters]) is None:
                 continue
-            c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-            area = MultiPoint(outline @ np.array([[c, s], [-s, c]]) + np.array([pose.x_m, pose.y_m])).convex_hull
+            (c, s), (x, y) = cos_sin(pose.yaw_rad), outline.T
+            corners = np.column_stack((c * x - s * y + pose.x_m, s * x + c * y + pose.y_m))
+            area = MultiPoint(corners).convex_hull
             into = next((o.name for o in standing if key == START_KEY and area.intersects(o.footprint())), None)
             if occupancy.occupied[tuple(touched_cells(occupancy, area).T)].any():
                 into = "a wall"

@@ -6,6 +6,9 @@ The target compiles for a generic processor, whose code gives the same bits on e
 settings, its target "cpu", and what is compiled for that stay as they are: a process that has compiled functions of its own gets
 the same recordings, and the same functions.
 
+In kernels, those of plug-ins too, the names of `math` for elementary functions mean `vastflow.sim.model.elementary`: LLVM would
+call the C library, whose last bits depend on its version and on the processor.
+
 The cache removes a damaged file and compiles again; numba's own raises on an emptied file, as a power cut leaves it, and runs changed
 machine code. Its index has a path in it, so that every clone and environment would compile its own. Here a file is found by a name
 that follows from its content, in one folder for all installations of a user.
@@ -14,6 +17,7 @@ that follows from its content, in one folder for all installations of a user.
 import functools
 import hashlib
 import logging
+import math
 import os
 import pickle
 import sys
@@ -34,12 +38,16 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.cpu import CPUContext
 from numba.core.dispatcher import Dispatcher
 from numba.core.environment import lookup_environment
+from numba.core.imputils import Registry as Implementations
 from numba.core.registry import CPUTarget, cpu_target
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.core.target_extension import CPU, dispatcher_registry, jit_registry, target_override, target_registry
 from numba.core.types.misc import unliteral
 from numba.core.utils import threadsafe_cached_property
+from numba.extending import register_jitable
+
+from vastflow.sim.model import elementary
 
 from vastflow.sim.kernels.content import content_of, spelled
 
@@ -144,6 +152,7 @@ class _Context(CPUContext):  # type: ignore[misc]
     def load_additional_registries(self) -> None:
         rtsys.initialize(cpu_target.target_context)  # whoever is first compiles numba's runtime for all targets
         super().load_additional_registries()
+        self.install_registry(_ELEMENTARY)  # what is installed last is what counts
 
     def get_executable(self, library: Any, fndesc: Any, env: Any) -> Any:
         """Return the Python callable, None for a part; set the environments of the parts."""
@@ -210,6 +219,33 @@ def _jit_of_overload(**options: Any) -> Any:
 target_registry[TARGET] = _Processor
 dispatcher_registry[_Processor] = _Dispatcher
 jit_registry[_Processor] = _jit_of_overload
+
+
+_ELEMENTARY: Final = Implementations("vastflow.elementary")
+
+register_jitable(error_model="numpy")(elementary.cos_sin)
+register_jitable(error_model="numpy")(elementary.atan2)
+
+
+def _replace(function: Callable[..., float], ours: Callable[..., float]) -> None:
+    """Let kernels call `ours` by the name of `function`, for all types that numba's own is defined for."""
+    compiled = numba.njit(_target=TARGET, error_model="numpy", no_cfunc_wrapper=True)(ours)
+
+    def call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        dispatcher = types.Dispatcher(compiled)
+        called: Any = dispatcher.get_call_type(context.typing_context, signature.args, {})
+        result = context.get_function(dispatcher, called)(builder, arguments)
+        return context.cast(builder, result, called.return_type, signature.return_type)
+
+    for kind in (types.float64, types.float32, types.int64, types.uint64):
+        _ELEMENTARY.lower(function, *[kind] * ours.__code__.co_argcount)(call)
+
+
+for _ours in (
+    *(elementary.sin, elementary.cos, elementary.tan, elementary.atan2, elementary.asin, elementary.acos),
+    *(elementary.exp, elementary.log, elementary.hypot),
+):
+    _replace(getattr(math, _ours.__name__), _ours)
 
 
 LOGGER: Final = logging.getLogger("vastflow.kernels")

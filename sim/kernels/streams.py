@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner, njit
+from vastflow.sim.model.elementary import exp, log
 
 LIDAR: Final = 0
 AMCL: Final = 1
@@ -70,9 +71,10 @@ AREA: Final = 0.00492867323399
 
 EDGES: Final = np.zeros(LAYERS + 1)
 """The right edge of each layer's rectangle from the lowest up, then 0."""
-EDGES[0], EDGES[1] = AREA * math.exp(0.5 * TAIL * TAIL), TAIL
+EDGES[0], EDGES[1] = AREA * exp(0.5 * TAIL * TAIL), TAIL
 for _k in range(2, LAYERS):
-    EDGES[_k] = math.sqrt(-2.0 * math.log(AREA / EDGES[_k - 1] + math.exp(-0.5 * EDGES[_k - 1] ** 2)))
+    _edge = float(EDGES[_k - 1])
+    EDGES[_k] = math.sqrt(-2.0 * log(AREA / _edge + exp(-0.5 * _edge * _edge)))
 
 
 @inner

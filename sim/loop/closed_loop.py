@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.streams import streams_of
+from vastflow.sim.model.elementary import cos_sin
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import GridFrame, Pose
 from vastflow.sim.model.rates import TICK_S
@@ -200,7 +201,7 @@ class ClosedLoop:
         self._place(index, *world.pose_of(index))
 
     def _place(self, index: int, x_m: float, y_m: float, yaw_rad: float) -> None:
-        self.body.obstacles[index, :4] = x_m, y_m, math.cos(yaw_rad), math.sin(yaw_rad)
+        self.body.obstacles[index, :4] = x_m, y_m, *cos_sin(yaw_rad)
 
 
 def _in_map(event: Event, frame: GridFrame) -> Event:
@@ -219,7 +220,7 @@ def obstacle_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
     for o in obstacles:
         x_m, y_m = (o.pose.x_m, o.pose.y_m) if o.trigger is None else (NOT_THERE, NOT_THERE)
         half_width_m = 0.0 if o.shape == "cylinder" else o.width_m / 2
-        rows.append((x_m, y_m, math.cos(o.pose.yaw_rad), math.sin(o.pose.yaw_rad), o.length_m / 2, half_width_m))
+        rows.append((x_m, y_m, *cos_sin(o.pose.yaw_rad), o.length_m / 2, half_width_m))
     return np.array(rows, dtype=np.float64).reshape(-1, 6)
 
 

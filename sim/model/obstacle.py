@@ -5,10 +5,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
-from shapely.affinity import rotate, translate
-from shapely.geometry import Point, Polygon, box
+from shapely.geometry import Polygon
 
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.elementary import cos_sin, hypot, log
 from vastflow.sim.model.pose import GridFrame, Pose, pose_of
 
 Shape: TypeAlias = Literal["box", "cylinder"]
@@ -49,7 +49,7 @@ class Obstacle:
     @property
     def circumradius_m(self) -> float:
         """Greatest distance from the center to the outline."""
-        return self.length_m / 2 if self.shape == "cylinder" else math.hypot(self.length_m, self.width_m) / 2
+        return self.length_m / 2 if self.shape == "cylinder" else hypot(self.length_m, self.width_m) / 2
 
     @property
     def mean_radius_m(self) -> float:
@@ -57,8 +57,8 @@ class Obstacle:
         if self.shape == "cylinder":
             return self.length_m / 3
         a, b = self.length_m / 2, self.width_m / 2
-        d = math.hypot(a, b)
-        return d / 3 + a * a / (6 * b) * math.log((b + d) / a) + b * b / (6 * a) * math.log((a + d) / b)
+        d = hypot(a, b)
+        return d / 3 + a * a / (6 * b) * log((b + d) / a) + b * b / (6 * a) * log((a + d) / b)
 
     @property
     def size_class(self) -> str:
@@ -80,10 +80,16 @@ class Obstacle:
     def footprint(self) -> Polygon:
         """Return the outline in the map frame (m); a cylinder is a 64-gon round its circle."""
         if self.shape == "cylinder":
-            return Point(self.pose.x_m, self.pose.y_m).buffer(self.length_m / 2, quad_segs=16)
-        outline = box(-self.length_m / 2, -self.width_m / 2, self.length_m / 2, self.width_m / 2)
-        turned = rotate(outline, self.pose.yaw_rad, origin=(0, 0), use_radians=True)
-        return translate(turned, self.pose.x_m, self.pose.y_m)
+            corners, (c, s) = ((self.length_m / 2 * x, self.length_m / 2 * y) for x, y in _CIRCLE), (1.0, 0.0)
+        else:
+            corners = ((self.length_m / 2 * x, self.width_m / 2 * y) for x, y in _SQUARE)
+            c, s = cos_sin(self.pose.yaw_rad)
+        return Polygon([(self.pose.x_m + (c * x - s * y), self.pose.y_m + (s * x + c * y)) for x, y in corners])
+
+
+_CIRCLE: Final = tuple((x, -y) for x, y in (cos_sin(k * math.pi / 32) for k in range(64)))
+_SQUARE: Final = ((1, -1), (1, 1), (-1, 1), (-1, -1))
+"""Corners of a footprint of 2 × 2 m."""
 
 
 DEFAULT_SIZE_M: Final = 0.5

@@ -85,4 +85,4 @@ def as_array(vertices: Vertices) -> NDArray[np.float64]:
 
 def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:
     """Radius of the smallest circle round the center that holds the outline (0.234142 m for 0.22 and 0.01 m)."""
-    return float(np.max(np.hypot(outline[:, 0], outline[:, 1])))
+    return float(np.max(hypots(outline[:, 0], outline[:, 1])))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.elementary import cos_sin
 
 MOST_YAW_RAD: Final = 6.2832
 _POSITION: Final = ("x", "y", "z")
@@ -96,7 +97,7 @@ class GridFrame:
     @property
     def turn(self) -> tuple[float, float]:
         """Cosine and sine of the turn from the grid to the map."""
-        return math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return cos_sin(self.yaw_rad)
 
     def to_grid(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return a position of the map in the grid's frame, to the nanometer."""

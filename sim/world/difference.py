@@ -7,6 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.arrays import cos_sins
+from vastflow.sim.model.elementary import normals
 from vastflow.sim.world.occupancy import FREE, OccupancyMap
 
 FURNITURE_M: Final = 2.0
@@ -97,7 +99,10 @@ def _field(
     rng: np.random.Generator, y_m: NDArray[np.float64], x_m: NDArray[np.float64], difference: WorldDifference
 ) -> NDArray[np.float64]:
     """Draw offsets (len(y_m), len(x_m)) in meters."""
-    wave = rng.standard_normal((2, _WAVES)) / difference.correlation_length_m
+    wave = normals(rng, (2, _WAVES), np.float64) / difference.correlation_length_m
     phase = rng.uniform(0.0, 2.0 * math.pi, _WAVES)
-    along_y, along_x = np.exp(1j * np.outer(y_m, wave[0])), np.exp(1j * (np.outer(x_m, wave[1]) + phase))
-    return np.asarray(difference.wall_offset_m * math.sqrt(2.0 / _WAVES) * (along_y @ along_x.T).real)
+    field = np.zeros((len(y_m), len(x_m)))
+    for along_y, along_x, begin in zip(*wave, phase, strict=True):
+        (cos_y, sin_y), (cos_x, sin_x) = cos_sins(y_m * along_y), cos_sins(x_m * along_x + begin)
+        field += cos_y[:, None] * cos_x - sin_y[:, None] * sin_x
+    return difference.wall_offset_m * math.sqrt(2.0 / _WAVES) * field

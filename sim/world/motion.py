@@ -37,6 +37,15 @@ def arc(x_m: float, y_m: float, yaw_rad: float, v_mps: float, w_radps: float, dt
 
 
 @njit
+def chord_mps(v_mps: float, w_radps: float, vy_mps: float, yaw_rad: float, dt_s: float) -> Any:
+    """Return the velocity (x, y) along the chord of the arc that begins at `yaw_rad`."""
+    half_turn = 0.5 * w_radps * dt_s
+    per_arc = math.sin(half_turn) / half_turn if abs(half_turn) > 1e-6 else 1.0
+    c, s = math.cos(yaw_rad + half_turn), math.sin(yaw_rad + half_turn)
+    return v_mps * per_arc * c - vy_mps * per_arc * s, v_mps * per_arc * s + vy_mps * per_arc * c
+
+
+@njit
 def moved(x_m: float, y_m: float, yaw_rad: float, v_mps: float, w_radps: float, vy_mps: float, dt_s: float) -> Any:
     """Return `arc` of a body that moves to its left as well (m/s)."""
     end_x_m, end_y_m, end_yaw_rad = arc(x_m, y_m, yaw_rad, v_mps, w_radps, dt_s)

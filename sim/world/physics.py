@@ -13,10 +13,12 @@ import numpy as np
 import pymunk
 import shapely
 from numpy.typing import NDArray
+from pymunk._chipmunk_cffi import ffi
 
+from vastflow.sim.model.elementary import cos_sin, dist, hypot
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.recording import Event
-from vastflow.sim.world.motion import FREE, MOVING, TOUCHING
+from vastflow.sim.world.motion import FREE, MOVING, TOUCHING, chord_mps
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Robot
 
@@ -113,6 +115,8 @@ class Physics:
         self._robot = pymunk.Body(robot.mass_kg, inertia)
         self._radius_m = robot.radius_m
         shapes = _robot_shapes(robot, self._robot)
+        if robot.vertices:
+            _turn_by_own_functions(self._robot)
         for shape in shapes:
             shape.collision_type = ROBOT
         self._space.add(self._robot, *shapes)
@@ -140,9 +144,7 @@ class Physics:
         robot.angle = float(pose[2])
         self._approach(robot.position)
         for v_mps, w_radps, vy_mps in velocities:
-            half_turn = 0.5 * w_radps * dt_s
-            per_arc = math.sin(half_turn) / half_turn if abs(half_turn) > 1e-6 else 1.0
-            wanted = pymunk.Vec2d(v_mps * per_arc, vy_mps * per_arc).rotated(robot.angle + half_turn)
+            wanted = pymunk.Vec2d(*chord_mps(v_mps, w_radps, vy_mps, robot.angle, dt_s))
             robot.velocity = self._with_traction(wanted, dt_s) if self._touching else wanted
             robot.angular_velocity = self._turning(w_radps, dt_s) if self._touching else w_radps
             glides = [
@@ -157,7 +159,7 @@ class Physics:
                     body.position, body.angle = position, angle
             self._time_s += dt_s
         x_m, y_m = robot.position
-        self._displaced = math.hypot(x_m - pose[0], y_m - pose[1]) > AT_REST_M
+        self._displaced = hypot(x_m - pose[0], y_m - pose[1]) > AT_REST_M
         pose[0], pose[1], pose[2] = x_m, y_m, robot.angle
         for index, body in self._appeared.items():
             if _at_rest(body):
@@ -172,6 +174,8 @@ class Physics:
         obstacle = self._obstacles[index]
         body = pymunk.Body(obstacle.mass_kg, _inertia(obstacle))
         body.position, body.angle = (obstacle.pose.x_m, obstacle.pose.y_m), obstacle.pose.yaw_rad
+        if obstacle.shape == "box":
+            _turn_by_own_functions(body)
         grip_n = obstacle.friction * obstacle.mass_kg * GRAVITY_MPS2
         slide = pymunk.PivotJoint(self._space.static_body, body, (0.0, 0.0), (0.0, 0.0))
         slide.max_force = grip_n
@@ -214,13 +218,14 @@ class Physics:
     def note_moves(self, t_s: float) -> None:
         """Add an event for each obstacle that moved since its last event."""
         for index in self._appeared:
-            if math.dist(self._noted[index], self.pose_of(index)) > NOTED:
+            if dist(self._noted[index], self.pose_of(index)) > NOTED:
                 self._note("obstacle_moved", index, t_s)
 
     def _with_traction(self, wanted: pymunk.Vec2d, dt_s: float) -> pymunk.Vec2d:
         change = wanted - self._robot.velocity
         most = TRACTION * GRAVITY_MPS2 * dt_s
-        return wanted if change.length <= most else self._robot.velocity + change * (most / change.length)
+        length = hypot(*change)
+        return wanted if length <= most else self._robot.velocity + change * (most / length)
 
     def _turning(self, wanted_radps: float, dt_s: float) -> float:
         """Limit the yaw rate of a body that a contact can turn: the tires act at its rim."""
@@ -247,6 +252,7 @@ class Physics:
         obstacle = self._obstacles[index]
         body = pymunk.Body(body_type=pymunk.Body.STATIC)
         body.position, body.angle = (obstacle.pose.x_m, obstacle.pose.y_m), obstacle.pose.yaw_rad
+        _turn_by_own_functions(body)
         self._space.add(body, self._shape(obstacle, body))
         self._fixed[index] = body
 
@@ -283,7 +289,31 @@ class Physics:
 
 
 def _at_rest(body: pymunk.Body) -> bool:
-    return body.velocity.length <= AT_REST_MPS and abs(body.angular_velocity) <= AT_REST_RADPS
+    return hypot(*body.velocity) <= AT_REST_MPS and abs(body.angular_velocity) <= AT_REST_RADPS
+
+
+_TRANSFORM: Final = 17
+"""Where in a body of Chipmunk its transform begins, in doubles."""
+
+
+def _turn_by_own_functions(body: pymunk.Body) -> None:
+    """Let a body have cosine and sine of its angle from us: Chipmunk asks the C library whenever it moves it."""
+    transform = ffi.cast("double *", body._body)[_TRANSFORM : _TRANSFORM + 4]
+
+    def turn() -> None:
+        c, s = cos_sin(body.angle)
+        transform[0:4] = [c, s, -s, c]
+
+    def move(body: pymunk.Body, dt_s: float) -> None:
+        pymunk.Body.update_position(body, dt_s)
+        turn()
+
+    found = body.rotation_vector
+    if list(transform) != [found.x, found.y, -found.y, found.x]:
+        raise RuntimeError(f"pymunk {pymunk.version}: a body has its transform in another place")
+    turn()
+    if body.body_type == pymunk.Body.DYNAMIC:
+        body.position_func = move
 
 
 def _robot_shapes(robot: Robot, body: pymunk.Body) -> list[pymunk.Shape]:

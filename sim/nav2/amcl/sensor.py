@@ -5,6 +5,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.arrays import exps
 from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.kernels.sincos import sincos
 from vastflow.sim.nav2.amcl.particles import LANES, Cloud
@@ -49,11 +50,11 @@ def likelihood_cubed(
     """
     squares = squared_distances(occupied, int(likelihood_max_dist_m / resolution_m))
     distances_m = np.append(np.sqrt(np.arange(squares.max() + 1)) * resolution_m, likelihood_max_dist_m)
-    pz = z_hit * np.exp(-(distances_m**2) / (2 * sigma_hit_m**2)) + z_rand / range_max_m
+    pz = z_hit * exps(-(distances_m * distances_m) / (2 * sigma_hit_m * sigma_hit_m)) + z_rand / range_max_m
     east = FRAME - (squares.shape[1] + 2 * FRAME + WIDTH) % -(2 * WIDTH)
     framed = np.pad(squares, ((FRAME, FRAME), (FRAME, east)), constant_values=UNREACHED)
     # UNREACHED, which is -1, finds the last entry.
-    cubed: NDArray[Any] = (pz**3).astype(dtype)[framed]
+    cubed: NDArray[Any] = (pz * pz * pz).astype(dtype)[framed]
     return cubed
 
 

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vastflow.sim.kernels.numeric import addressed, inner
+from vastflow.sim.model.elementary import hypot
 from vastflow.sim.nav2.controllers.controller import Controller, ControllerInput, PlanCut, Setting, SpeedLimits
 from vastflow.sim.nav2.controllers.dwb_critics import (
     DISTANCE,
@@ -85,7 +86,7 @@ def new_memory(q: DwbParameters, rows: int, columns: int) -> DwbMemory:
     strafes = q.min_vel_y != 0.0 or q.max_vel_y != 0.0
     aside = max(2, q.vy_samples) + 1 if strafes else 1
     speeds = ahead * aside
-    fastest_mps = math.hypot(max(abs(q.min_vel_x), abs(q.max_vel_x)), max(abs(q.min_vel_y), abs(q.max_vel_y)))
+    fastest_mps = hypot(max(abs(q.min_vel_x), abs(q.max_vel_x)), max(abs(q.min_vel_y), abs(q.max_vel_y)))
     steps_v = math.ceil(fastest_mps * q.sim_time / q.linear_granularity) + 1
     steps_w = math.ceil(q.max_vel_theta * q.sim_time / q.angular_granularity) + 1
     return DwbMemory(
@@ -94,7 +95,7 @@ def new_memory(q: DwbParameters, rows: int, columns: int) -> DwbMemory:
         speeds=np.zeros(speeds),
         sideways=np.zeros(speeds),
         turns=np.zeros(turns),
-        order=np.argsort([critic.place for critic in q.critics()]),
+        order=np.argsort([critic.place for critic in q.critics()], kind="stable"),
         raw=np.zeros(FOOTPRINT + 1),
         scales=np.zeros(FOOTPRINT + 1),
         scores=np.zeros((speeds, turns)),

@@ -26,6 +26,7 @@ from vastflow.sim.kernels.lanes import (
 )
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.kernels.streams import integer_below
+from vastflow.sim.model.elementary import normals
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
 
 ROW: Final = WIDTH
@@ -187,8 +188,8 @@ def noise(cycle: int, spread_v: float, spread_w: float) -> NDArray[np.uint32]:
         cycle: How many words one control cycle uses.
         spread_v, spread_w: Standard deviations.
     """
-    length = 1 << math.ceil(math.log2(CYCLES_OF_NOISE * cycle))
-    drawn = np.random.default_rng(NOISE_SEED).standard_normal((2, length), dtype=np.float32)
+    length = 1 << (CYCLES_OF_NOISE * cycle - 1).bit_length()
+    drawn = normals(np.random.default_rng(NOISE_SEED), (2, length), np.float32)
     drawn *= np.array([[spread_v], [spread_w]], dtype=np.float32)
     words = aligned(length, np.uint32)
     words[:] = words_of(*drawn)
@@ -199,9 +200,9 @@ def noise(cycle: int, spread_v: float, spread_w: float) -> NDArray[np.uint32]:
 @functools.lru_cache(maxsize=4)
 def lateral_noise(cycle: int, spread: float) -> NDArray[np.float32]:
     """Read-only normal numbers for vy, one for each word of `noise` and read in the same places."""
-    length = 1 << math.ceil(math.log2(CYCLES_OF_NOISE * cycle)) if cycle > 0 else 0
+    length = 1 << (CYCLES_OF_NOISE * cycle - 1).bit_length() if cycle > 0 else 0
     numbers = aligned(length, np.float32)
-    numbers[:] = np.random.default_rng([NOISE_SEED, 1]).standard_normal(length, dtype=np.float32) * np.float32(spread)
+    numbers[:] = normals(np.random.default_rng([NOISE_SEED, 1]), (length,), np.float32) * np.float32(spread)
     numbers.flags.writeable = False
     return numbers
 

@@ -9,7 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.arrays import exps
 from vastflow.sim.kernels.numeric import inner, njit
+from vastflow.sim.model.elementary import exp, hypots, log
 
 FREE: Final = 0
 INSCRIBED: Final = 253
@@ -26,13 +28,14 @@ def cost_stamp(
     """
     if cost_scaling_factor > 0.0:  # farther away all costs are 0
         inflation_radius_m = min(
-            inflation_radius_m, inscribed_radius_m + math.log(252.0) / cost_scaling_factor + resolution_m
+            inflation_radius_m, inscribed_radius_m + log(252.0) / cost_scaling_factor + resolution_m
         )
     reach = math.ceil(inflation_radius_m / resolution_m)
     offsets = np.arange(-reach, reach + 1)
-    cells = np.hypot(offsets[:, None], offsets[None, :])
+    cells = hypots(offsets[:, None], offsets[None, :])
     distance_m = cells * resolution_m
-    cost = np.floor(252.0 * np.exp(-cost_scaling_factor * np.maximum(distance_m - inscribed_radius_m, 0.0)))
+    powers = -cost_scaling_factor * np.maximum(distance_m - inscribed_radius_m, 0.0)
+    cost = np.floor(252.0 * exps(powers.ravel()).reshape(powers.shape))
     cost = np.where(distance_m <= inscribed_radius_m, float(INSCRIBED), np.minimum(cost, 252.0))
     cost[cells > reach] = FREE
     cost[reach, reach] = LETHAL
@@ -46,7 +49,7 @@ def cost_at_distance(distance_m: float, inscribed_radius_m: float, cost_scaling_
     """
     if distance_m <= inscribed_radius_m:
         return float(INSCRIBED)
-    return math.floor(252.0 * math.exp(-cost_scaling_factor * (distance_m - inscribed_radius_m)))
+    return math.floor(252.0 * exp(-cost_scaling_factor * (distance_m - inscribed_radius_m)))
 
 
 def inflate(

@@ -5,6 +5,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.arrays import cos_sins
+from vastflow.sim.model.elementary import hypots
 from vastflow.sim.model.polygon import as_array, vertices_of
 from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
@@ -26,7 +28,7 @@ def padded_outline(robot_radius_m: float, padding_m: float) -> NDArray[np.float6
     """
     angles_rad = 2.0 * np.pi * np.arange(VERTICES) / VERTICES
     # sin π is 1.2e-16 and not 0, so a vertex on an axis moves off it, in Nav2 as here.
-    return padded(robot_radius_m * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)]), padding_m)
+    return padded(robot_radius_m * np.column_stack(cos_sins(angles_rad)), padding_m)
 
 
 def padded(vertices: NDArray[np.float64], padding_m: float) -> NDArray[np.float64]:
@@ -36,12 +38,12 @@ def padded(vertices: NDArray[np.float64], padding_m: float) -> NDArray[np.float6
 
 def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
     """Radius of the largest circle round the robot's center inside the outline (0.225498 m for 0.22 m and 0.01 m)."""
-    to_vertices_m = np.hypot(outline[:, 0], outline[:, 1])
+    to_vertices_m = hypots(outline[:, 0], outline[:, 1])
     is_edge = (outline != np.roll(outline, -1, axis=0)).any(axis=1)  # a padding below 0 can lay vertices together
     ends, outline = np.roll(outline, -1, axis=0)[is_edge], outline[is_edge]
     edges = ends - outline
     areas = outline[:, 0] * ends[:, 1] - outline[:, 1] * ends[:, 0]
-    to_lines_m = np.abs(areas) / np.hypot(edges[:, 0], edges[:, 1])
+    to_lines_m = np.abs(areas) / hypots(edges[:, 0], edges[:, 1])
     # Of an edge that the perpendicular from the center misses, as a notch has them, an end is nearest.
     shares = -np.sum(outline * edges, axis=1) / np.sum(edges * edges, axis=1)
     return float(min(to_vertices_m.min(), np.min(to_lines_m[(shares >= 0.0) & (shares <= 1.0)], initial=np.inf)))

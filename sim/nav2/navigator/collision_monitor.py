@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.model.elementary import hypot
 from vastflow.sim.model.polygon import MOST_VERTICES
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.nav2.parameters.servers import MOST_ZONES, MonitorZone
@@ -32,7 +33,7 @@ def zone_rows(zones: Sequence[MonitorZone]) -> tuple[NDArray[np.float64], NDArra
     """(MOST_ZONES, Z) of `ZONE` and (MOST_ZONES, MOST_VERTICES, 2) in the robot's frame (m), zeros behind the last."""
     rows, points = np.zeros((MOST_ZONES, len(ZONE))), np.zeros((MOST_ZONES, MOST_VERTICES, 2))
     for k, zone in enumerate(zones):
-        reach_m = max((math.hypot(x_m, y_m) for x_m, y_m in zone.vertices), default=zone.radius)
+        reach_m = max((hypot(x_m, y_m) for x_m, y_m in zone.vertices), default=zone.radius)
         ahead_s = zone.time_before_collision if zone.action == "approach" else 0.0
         rows[k] = (
             *(_ACTIONS.index(zone.action), len(zone.vertices), zone.radius, reach_m, zone.min_points),

@@ -1,11 +1,10 @@
 """The parameters as kernels read them, one record a run."""
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.record import record_dtype, record_row
+from vastflow.sim.model.elementary import hypot
 from vastflow.sim.model.polygon import MOST_VERTICES, circumscribed_radius_m
 from vastflow.sim.model.rates import ticks_of
 from vastflow.sim.nav2.controllers.controller import PlanCut
@@ -28,7 +27,7 @@ def parameter_record(
     frame = prepared.occupancy.frame
     zones, smoother = parameters.collision_monitor.zones, parameters.velocity_smoother
     zone_values, zone_points = zone_rows(zones)
-    fastest_mps = math.hypot(*(max(smoother.max_velocity[axis], -smoother.min_velocity[axis]) for axis in (0, 1)))
+    fastest_mps = hypot(*(max(smoother.max_velocity[axis], -smoother.min_velocity[axis]) for axis in (0, 1)))
     extra: dict[str, float] = {
         "inscribed_radius": inscribed_radius_m(outline),
         "circumscribed_radius": circumscribed_radius_m(outline),

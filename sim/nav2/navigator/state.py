@@ -1,7 +1,6 @@
 """The navigation stack's whole state: preallocated arrays and two records, owned by one run."""
 
 import functools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from vastflow.sim.kernels.binding import Bound, Running
 from vastflow.sim.kernels.streams import CONTROLLER, LIDAR, SUBSYSTEMS
+from vastflow.sim.model.elementary import cos_sin
 from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.model.polygon import MOST_VERTICES, circumscribed_radius_m
 from vastflow.sim.model.pose import Pose
@@ -315,7 +315,7 @@ def set_pose(stack: Stack, pose: Pose) -> None:
     m = stack.m[0]
     m["x"], m["y"], m["yaw"] = pose.x_m, pose.y_m, pose.yaw_rad
     m["map_odom_yaw"] = pose.yaw_rad - m["odom_yaw"]
-    c, s = math.cos(m["map_odom_yaw"]), math.sin(m["map_odom_yaw"])
+    c, s = cos_sin(float(m["map_odom_yaw"]))
     m["map_odom_x"] = pose.x_m - (c * m["odom_x"] - s * m["odom_y"])
     m["map_odom_y"] = pose.y_m - (s * m["odom_x"] + c * m["odom_y"])
     m["initialized"], m["first_scan"] = 1, 1

@@ -1,9 +1,11 @@
 """Reading the node `controller_server`: its checkers, and the controller with its critics, in a Rotation Shim or not."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.elementary import exp, log
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaint
 from vastflow.sim.nav2.parameter_files.nodes import (
     CONTROLLERS,
@@ -220,9 +222,9 @@ def _summed(
         reader.fault(listed, f"{names} are critics of one class", "keep one of them, or let only their weights differ")
     what = f"there are {len(critics)} critics of the class of {places[0][-1]}"
     reader.warnings[listed] = what, "Nav2 counts each of them"
-    return critics[0].model_copy(
-        update={name: sum(w**power for w in own) ** (1 / power) for name, own in weights.items()}
-    )
+    sums = {name: math.fsum(math.prod([w] * power) for w in own) for name, own in weights.items()}
+    roots = sums if power == 1 else {name: exp(log(total) / power) for name, total in sums.items()}
+    return critics[0].model_copy(update=roots)
 
 
 def written_controller_server(node: ParameterLocation, parameters: NavParameters) -> Values:

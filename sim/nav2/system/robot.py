@@ -1,9 +1,9 @@
 """The robot's body, limits, and scanner, as given by a campaign or derived from its navigation stack."""
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+from vastflow.sim.model.elementary import hypot
 from vastflow.sim.model.polygon import Vertices, vertices_of
 from vastflow.sim.model.rates import held_hz
 from vastflow.sim.nav2.parameter_files.command_chain import NO_SMOOTHER
@@ -91,7 +91,7 @@ def _body(parameters: NavParameters) -> tuple[Vertices, float]:
         return (), given.radius
     vertices = vertices_of(given.polygon or costmap.footprint)
     if vertices:
-        return vertices, max(math.hypot(x_m, y_m) for x_m, y_m in vertices)
+        return vertices, max(hypot(x_m, y_m) for x_m, y_m in vertices)
     return (), TURTLEBOT_4.radius_m if costmap.robot_radius == TURTLEBOT_4_RADIUS_M else costmap.robot_radius
 
 

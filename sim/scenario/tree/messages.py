@@ -1,12 +1,12 @@
 """Messages on the simulated robot's topics: dicts, lists, and numbers, which are read and written by their members."""
 
 import ast
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from vastflow.sim.model.elementary import atan2, cos_sin
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
@@ -85,7 +85,8 @@ def _time(now_s: float) -> dict[str, int]:
 
 
 def _pose(pose: Pose) -> dict[str, Any]:
-    turn = {"x": 0.0, "y": 0.0, "z": math.sin(pose.yaw_rad / 2), "w": math.cos(pose.yaw_rad / 2)}
+    c, s = cos_sin(pose.yaw_rad / 2)
+    turn = {"x": 0.0, "y": 0.0, "z": s, "w": c}
     return {"position": {"x": pose.x_m, "y": pose.y_m, "z": 0.0}, "orientation": turn}
 
 
@@ -140,7 +141,7 @@ def pose_in(found: Any) -> Pose:
         yaw_rad = float(turn["yaw"])
     else:
         x, y, z, w = (float(turn.get(axis, 1.0 if axis == "w" else 0.0)) for axis in "xyzw")
-        yaw_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        yaw_rad = atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return Pose(float(position.get("x", 0.0)), float(position.get("y", 0.0)), yaw_rad)
 
 

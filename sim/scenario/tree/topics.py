@@ -10,6 +10,7 @@ from py_trees.common import Status
 
 from vastflow.sim.loop.event_words import REASONS
 from vastflow.sim.loop.simulation import Simulation
+from vastflow.sim.model.elementary import hypot
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
@@ -241,7 +242,7 @@ class TfMoving(RosAction):
             self._moved_s = now_s
         elif now_s > self._last[0]:
             before, duration_s = self._last[1], now_s - self._last[0]
-            speed_mps = math.hypot(here.x_m - before.x_m, here.y_m - before.y_m) / duration_s
+            speed_mps = hypot(here.x_m - before.x_m, here.y_m - before.y_m) / duration_s
             rate_radps = abs(math.remainder(here.yaw_rad - before.yaw_rad, math.tau)) / duration_s
             if speed_mps >= self._least[0] or rate_radps >= self._least[1]:
                 self._moved_s = now_s
@@ -265,7 +266,7 @@ class TfCloseTo(RosAction):
         if here is None:
             self.message = f"there is no transform from {self._frames[0]} to {self._frames[1]} yet"
             return Status.RUNNING
-        away_m = math.hypot(here.x_m - self._point.x_m, here.y_m - self._point.y_m)
+        away_m = hypot(here.x_m - self._point.x_m, here.y_m - self._point.y_m)
         self.message = f"{away_m:.2f} m away"
         return Status.SUCCESS if away_m <= self._threshold_m else Status.RUNNING
 

@@ -9,6 +9,7 @@ from typing import Any, Final
 from py_trees.common import Status
 
 from vastflow.sim.loop.simulation import COLUMNS_OF, Order, Simulation
+from vastflow.sim.model.elementary import cos_sin, hypot
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.obstacle import obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of
@@ -79,8 +80,8 @@ class SpawnRelative(SpawnActor):
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
         robot, ahead_m = self.simulation.true_pose, float(arguments["distance"])
-        x_m = robot.x_m + ahead_m * math.cos(robot.yaw_rad)
-        y_m = robot.y_m + ahead_m * math.sin(robot.yaw_rad)
+        c, s = cos_sin(robot.yaw_rad)
+        x_m, y_m = robot.x_m + ahead_m * c, robot.y_m + ahead_m * s
         return self._spawn([self._entity(arguments, Pose(x_m, y_m, robot.yaw_rad).value())])
 
 
@@ -176,7 +177,7 @@ class OdometryDistance(WorldAction):
 
     def update(self) -> Status:
         here = self.simulation.odometry
-        self._driven_m += math.hypot(here.x_m - self._last.x_m, here.y_m - self._last.y_m)
+        self._driven_m += hypot(here.x_m - self._last.x_m, here.y_m - self._last.y_m)
         self._last = here
         self.message = f"{self._driven_m:.2f} of {self._wanted_m:.2f} m"
         return Status.SUCCESS if self._driven_m >= self._wanted_m else Status.RUNNING
