@@ -74,11 +74,6 @@ def short_text(value: Any) -> str:
     return shown(value)
 
 
-_CLASS_PARTS: Final = ("architecture", "C library", "processor features", "variables", "Python")
-"""Parts of `vastflow.tasks.keys.keys.numeric_class`, in order."""
-_LISTS: Final = ("processor features", "variables")
-
-
 def origin_row(keys: Keys) -> dict[str, Any]:
     """Return numeric class, seed, and source digests for `metadata.json`."""
     source = {"execute": keys.execute_source, "observe": keys.observe_source, "judge": keys.judge_source}
@@ -152,11 +147,10 @@ def _other_versions(metadata: Mapping[str, Any]) -> Iterator[str]:
 
 
 def numeric_parts(numeric: str) -> dict[str, Any]:
-    """Split a numeric class into its parts; an unknown form stays whole."""
-    parts = numeric.split("; ")
-    if len(parts) != len(_CLASS_PARTS):
-        return {"all of it": numeric}
-    return {name: part.split() if name in _LISTS else part for name, part in zip(_CLASS_PARTS, parts, strict=True)}
+    """Split a numeric class into its parts; one of an older version stays whole."""
+    architecture, *variables = numeric.split("; ")
+    known = all("=" in variable for variable in variables)
+    return {"architecture": architecture, "variables": variables} if known else {"all of it": numeric}
 
 
 def _version(name: str) -> str:

@@ -31,13 +31,6 @@ EVALUATE_SOURCE: Final = ("vastflow.producers.model.producer",)
 
 _TOGETHER_DIGITS: Final = 32
 
-_SELECTING_FEATURES: Final = frozenset(
-    {"fma", "avx2", "avx512f", "avx512cd", "avx512bw", "avx512dq", "avx512vl", "asimd", "asimdhp", "sve", "sve2"}
-)
-"""CPU features by which the C library and numpy choose between variants of a function with different last bits."""
-
-_SELECTING_VARIABLES: Final = ("GLIBC_TUNABLES", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES")
-
 _NUMBA: Final = "NUMBA_"
 _NUMBA_THAT_ONLY_SAYS: Final = (
     *("CACHE", "COLOR_SCHEME", "DEVELOPER_MODE", "DISABLE_PERFORMANCE_WARNINGS", "DUMP_", "FULL_TRACEBACKS"),
@@ -113,44 +106,21 @@ class Keys:
         return f"{stage}/{hashed[:2]}/{hashed}"
 
 
-def numeric_class(
-    machine: str | None = None,
-    library: str | None = None,
-    features: frozenset[str] | None = None,
-    environment: Mapping[str, str] | None = None,
-    python: str | None = None,
-) -> str:
+def numeric_class(machine: str | None = None, environment: Mapping[str, str] | None = None) -> str:
     """Return the properties that hosts share if they compute the same bits; arguments default to this host's.
 
-    They are the architecture, the C library, CPU features and variables that choose between variants of functions or of
-    compiled code, and Python's minor version: from 3.12 on `sum` of floats has other last bits.
+    They are the architecture, and settings of Numba by which kernels are compiled otherwise. C libraries, processors, and versions of
+    Python make no difference: functions whose last bits depend on them are not used (`vastflow.sim.model.elementary`).
     """
     machine = platform.machine() if machine is None else machine
-    library = library or " ".join(platform.libc_ver()).strip() or f"{platform.system()} {platform.release()}"
-    features = _cpu_features() if features is None else features
     environment = os.environ if environment is None else environment
-    chosen = " ".join(sorted(features & _SELECTING_FEATURES))
-    names = [*_SELECTING_VARIABLES, *sorted(filter(_changes_kernels, environment))]
-    forced = [f"{name}={environment[name]}" for name in names if environment.get(name)]
+    forced = [
+        f"{name}={environment[name]}" for name in sorted(filter(_changes_kernels, environment)) if environment[name]
+    ]
     if Path(_NUMBA_FILE).is_file():
         forced.append(f"{_NUMBA_FILE}={file_digest(_NUMBA_FILE)}")
-    return (
-        f"{machine}; {library}; {chosen}; {' '.join(forced)}; {python or '.'.join(platform.python_version_tuple()[:2])}"
-    )
+    return "; ".join([machine, *forced])
 
 
 def _changes_kernels(variable: str) -> bool:
     return variable.startswith(_NUMBA) and not variable.removeprefix(_NUMBA).startswith(_NUMBA_THAT_ONLY_SAYS)
-
-
-def _cpu_features() -> frozenset[str]:
-    """Return feature names as Linux gives them; elsewhere architecture and system version decide."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return frozenset()
-    for line in lines:
-        name, _, value = line.partition(":")
-        if name.strip() in ("flags", "Features"):
-            return frozenset(value.split())
-    return frozenset()
