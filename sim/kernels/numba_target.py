@@ -221,15 +221,18 @@ dispatcher_registry[_Processor] = _Dispatcher
 jit_registry[_Processor] = _jit_of_overload
 
 
+_SHORT: Final = (elementary.sin, elementary.cos, elementary.hypot)
 _ELEMENTARY: Final = Implementations("vastflow.elementary")
 
-register_jitable(error_model="numpy")(elementary.cos_sin)
+register_jitable(error_model="numpy", forceinline=True)(
+    elementary.cos_sin
+)  # sine and cosine of one angle share most of it
 register_jitable(error_model="numpy")(elementary.atan2)
 
 
 def _replace(function: Callable[..., float], ours: Callable[..., float]) -> None:
     """Let kernels call `ours` by the name of `function`, for all types that numba's own is defined for."""
-    compiled = numba.njit(_target=TARGET, error_model="numpy", no_cfunc_wrapper=True)(ours)
+    compiled = numba.njit(_target=TARGET, error_model="numpy", no_cfunc_wrapper=True, forceinline=ours in _SHORT)(ours)
 
     def call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         dispatcher = types.Dispatcher(compiled)
