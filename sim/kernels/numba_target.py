@@ -47,9 +47,8 @@ from numba.core.types.misc import unliteral
 from numba.core.utils import threadsafe_cached_property
 from numba.extending import register_jitable
 
-from vastflow.sim.model import elementary
-
 from vastflow.sim.kernels.content import content_of, spelled
+from vastflow.sim.model import elementary
 
 TARGET: Final = "vastflow"
 """numba's name of the target: what is decorated with `jit(_target=TARGET)` is compiled for it."""

@@ -7,6 +7,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from vastflow.sim.model.elementary import hypots
+
 Vertices: TypeAlias = tuple[tuple[float, float], ...]
 """x, y in the robot's frame (m), in the order of the text; repeated ones, such as the first at the end, count once."""
 

@@ -8,6 +8,7 @@ from typing import Final, TypeAlias
 import numpy as np
 import shapely
 
+from vastflow.sim.model.elementary import cos_sin
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, OccupancyMap
 
@@ -74,7 +75,7 @@ class Body:
                 vertices: Sequence[tuple[float, float]] = ((a, b), (-a, b), (-a, -b), (a, -b))
             case Polygon(vertices):
                 pass
-        c, s = math.cos(self.pose.yaw_rad), math.sin(self.pose.yaw_rad)
+        c, s = cos_sin(self.pose.yaw_rad)
         return shapely.Polygon([(x_m + c * x - s * y, y_m + s * x + c * y) for x, y in vertices])
 
 
@@ -95,8 +96,12 @@ def walls_of(bodies: Sequence[Body], occupancy: OccupancyMap) -> OccupancyMap:
         if row0 >= row1 or column0 >= column1:
             continue
         row, column = np.mgrid[row0:row1, column0:column1]
-        shapely.prepare(outline)
-        covered = shapely.contains_xy(outline, column + 0.5, row + 0.5)
+        if isinstance(body.shape, Disc):  # without an outline's sines, which differ from host to host
+            ((y, x),) = occupancy.in_cells(np.array([(body.pose.x_m, body.pose.y_m)])) * fold
+            covered = (column + 0.5 - x) ** 2 + (row + 0.5 - y) ** 2 <= (body.shape.radius_m / cell_m) ** 2
+        else:
+            shapely.prepare(outline)
+            covered = shapely.contains_xy(outline, column + 0.5, row + 0.5)
         if outline.buffer(-0.75).is_empty:
             covered |= shapely.intersects(outline, shapely.box(column, row, column + 1, row + 1))
         cells[row0:row1, column0:column1][covered] = OCCUPIED

@@ -15,8 +15,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from vastflow.sim.model.elementary import atan2, cos_sin
 from vastflow.sim.model.files import is_file, read_bytes
-from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.pose import DECIMALS, Pose
 from vastflow.sim.world.bodies import Body, Box, Disc, Polygon
 from vastflow.sim.world.readers.reader import FARTHEST_M, MOST_BODIES, WorldError
 
@@ -113,7 +114,7 @@ def _models(
         # The pose of an include takes the place of the model's own.
         own_pose = _pose(file, include, name)
         if include.find("pose") is not None:
-            own_pose = own_pose @ np.linalg.inv(_first_pose(included, name))
+            own_pose = own_pose @ _inverse(_first_pose(included, name))
         yield from _of_file(included, to_world @ own_pose, name, depth + 1)
 
 
@@ -148,6 +149,13 @@ def _first_pose(file: _File, name: str) -> Transform:
     return np.eye(4) if model is None else _pose(file, model, name)
 
 
+def _inverse(pose: Transform) -> Transform:
+    turned_back = pose[:3, :3].T
+    inverse = np.eye(4)
+    inverse[:3, :3], inverse[:3, 3] = turned_back, -turned_back @ pose[:3, 3]
+    return inverse
+
+
 def _numbers(file: _File, text: str | None, count: int, place: str) -> list[float]:
     words = (text or "").split()
     try:
@@ -173,7 +181,7 @@ def _pose(file: _File, element: Element, place: str) -> Transform:
     x, y, z, *angles = _numbers(file, pose.text, 6, f"{place}: pose")
     if pose.get("degrees") in ("true", "1"):
         angles = [math.radians(angle) for angle in angles]
-    (cr, cp, cy), (sr, sp, sy) = ([f(angle) for angle in angles] for f in (math.cos, math.sin))
+    (cr, sr), (cp, sp), (cy, sy) = map(cos_sin, angles)
     return np.array(
         [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x],
@@ -246,11 +254,12 @@ def _solid(file: _File, shape: Element, place: str) -> _Solid:
 
 def _cut(solid: _Solid, to_world: Transform, place: str) -> Iterator[Body]:
     """Yield the outline of a solid between a robot's heights; of a tilted one its hull."""
-    x_m, y_m, z_m = to_world[:3, 3].tolist()
+    # To the nanometer: products of matrices differ in their last bits from host to host.
+    x_m, y_m, z_m = (round(part, DECIMALS) for part in to_world[:3, 3].tolist())
     is_upright = abs(to_world[2, 2]) > 1.0 - _UPRIGHT
     if solid.is_ball or is_upright:
         up = 1.0 if solid.is_ball or to_world[2, 2] > 0.0 else -1.0
-        low_m, high_m = sorted((z_m + up * solid.low_m, z_m + up * solid.high_m))
+        low_m, high_m = sorted(round(z_m + up * end, DECIMALS) for end in (solid.low_m, solid.high_m))
         if high_m <= LOWEST_M or low_m >= HIGHEST_M:
             return
         flat = solid.flat
@@ -260,8 +269,8 @@ def _cut(solid: _Solid, to_world: Transform, place: str) -> Iterator[Body]:
         elif up < 0.0 and isinstance(flat, Polygon):
             # Upside down is a half turn about x: y changes its sign.
             flat = Polygon(tuple((x, -y) for x, y in flat.vertices_m))
-        yaw_rad = math.atan2(to_world[1, 0], to_world[0, 0])
-        yield Body(place, flat, Pose(x_m, y_m, yaw_rad), low_m, high_m)
+        yaw_rad = atan2(to_world[1, 0], to_world[0, 0])
+        yield Body(place, flat, Pose(x_m, y_m, round(yaw_rad, DECIMALS)), low_m, high_m)
         return
     base = np.array(Body("", solid.flat, Pose(0.0, 0.0, 0.0)).outline.exterior.coords[:-1])
     rings = [np.column_stack([base, np.full(len(base), end)]) for end in (solid.low_m, solid.high_m)]
@@ -269,8 +278,9 @@ def _cut(solid: _Solid, to_world: Transform, place: str) -> Iterator[Body]:
     edges = [(ring, np.roll(ring, -1, axis=0)) for ring in (low, high)] + [(low, high)]
     points = np.concatenate([_within(a, b) for a, b in edges])
     if len(points) and (hull := shapely.MultiPoint(points[:, :2]).convex_hull).area > 0.0:
-        vertices = tuple((x - x_m, y - y_m) for x, y in hull.exterior.coords[:-1])
-        yield Body(place, Polygon(vertices), Pose(x_m, y_m, 0.0), float(points[:, 2].min()), float(points[:, 2].max()))
+        vertices = tuple((round(x - x_m, DECIMALS), round(y - y_m, DECIMALS)) for x, y in hull.exterior.coords[:-1])
+        low_m, high_m = round(float(points[:, 2].min()), DECIMALS), round(float(points[:, 2].max()), DECIMALS)
+        yield Body(place, Polygon(vertices), Pose(x_m, y_m, 0.0), low_m, high_m)
 
 
 def _within(begins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
