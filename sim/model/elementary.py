@@ -24,14 +24,20 @@ _TAIL: Final = 3.6541528853610088
 
 
 def cos_sin(angle_rad: float) -> tuple[float, float]:
-    """Cosine and sine of a finite angle, to 1.3 ulp up to 10⁶ rad; beyond, of its rest by the double nearest to 2π."""
-    if abs(angle_rad) > 1e6:
-        angle_rad = angle_rad - math.tau * ((angle_rad * 0.15915494309189535 + _ROUND) - _ROUND)
-    quarters = (angle_rad * 0.6366197723675814 + _ROUND) - _ROUND
-    far, near = angle_rad - quarters * _HALF_PI[0], quarters * _HALF_PI[1]
-    rest = far - near
-    back = rest - far
-    below = ((far - (rest - back)) - (near + back)) - quarters * _HALF_PI[2]
+    """Return cosine and sine of a finite angle, to 1.3 ulp up to 10⁶ rad.
+
+    Beyond, they are those of its rest by the double nearest to 2π.
+    """
+    rest, below, turn = angle_rad, 0.0, 0.0
+    if abs(angle_rad) > 0.785:
+        if abs(angle_rad) > 1e6:
+            angle_rad = angle_rad - math.tau * ((angle_rad * 0.15915494309189535 + _ROUND) - _ROUND)
+        quarters = (angle_rad * 0.6366197723675814 + _ROUND) - _ROUND
+        far, near = angle_rad - quarters * _HALF_PI[0], quarters * _HALF_PI[1]
+        rest = far - near
+        back = rest - far
+        below = ((far - (rest - back)) - (near + back)) - quarters * _HALF_PI[2]
+        turn = quarters - 4.0 * ((0.25 * quarters + _ROUND) - _ROUND)
     u = rest * rest
     s = -2.5050758114914726e-08 + u * 1.589679563029495e-10
     s = 0.008333333333322413 + u * (-0.00019841269829807805 + u * (2.755731369191626e-06 + u * s))
@@ -42,7 +48,6 @@ def cos_sin(angle_rad: float) -> tuple[float, float]:
     most = 1.0 - half
     cosine = most + (((1.0 - most) - half) + (u * (u * c) - rest * below))
     # Odd quarter turns exchange the two; the signs of both follow from the quarters modulo 4, here -2 to 2.
-    turn = quarters - 4.0 * ((0.25 * quarters + _ROUND) - _ROUND)
     is_odd = turn * turn == 1.0
     cosine, sine = (sine, cosine) if is_odd else (cosine, sine)
     return (-cosine if turn > 0.0 or turn < -1.0 else cosine), (-sine if turn < 0.0 or turn > 1.0 else sine)

@@ -8,14 +8,14 @@ from typing import Final, TypeAlias
 import numpy as np
 import shapely
 
-from vastflow.sim.model.elementary import cos_sin
+from vastflow.sim.model.elementary import cos_sin, hypots
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, OccupancyMap
 
 LARGEST_CELL_M: Final = 0.025
 """Largest cell of walls that are made of bodies."""
-_SEGMENTS: Final = 16
-"""Segments of a quarter of a disc's outline."""
+_SEGMENTS: Final = 64
+"""Segments of a disc's outline."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,8 @@ class Body:
         x_m, y_m = self.pose.x_m, self.pose.y_m
         match self.shape:
             case Disc(radius_m):
-                return shapely.Point(x_m, y_m).buffer(radius_m, quad_segs=_SEGMENTS)
+                turns = (cos_sin(math.tau * k / _SEGMENTS) for k in range(_SEGMENTS))
+                return shapely.Polygon([(x_m + radius_m * c, y_m + radius_m * s) for c, s in turns])
             case Box(length_m, width_m):
                 a, b = length_m / 2, width_m / 2
                 vertices: Sequence[tuple[float, float]] = ((a, b), (-a, b), (-a, -b), (a, -b))
@@ -98,11 +99,11 @@ def walls_of(bodies: Sequence[Body], occupancy: OccupancyMap) -> OccupancyMap:
         row, column = np.mgrid[row0:row1, column0:column1]
         if isinstance(body.shape, Disc):  # without an outline's sines, which differ from host to host
             ((y, x),) = occupancy.in_cells(np.array([(body.pose.x_m, body.pose.y_m)])) * fold
-            covered = (column + 0.5 - x) ** 2 + (row + 0.5 - y) ** 2 <= (body.shape.radius_m / cell_m) ** 2
+            covered = hypots(column + 0.5 - x, row + 0.5 - y) <= body.shape.radius_m / cell_m
         else:
             shapely.prepare(outline)
             covered = shapely.contains_xy(outline, column + 0.5, row + 0.5)
-        if outline.buffer(-0.75).is_empty:
+        if outline.area < 0.5 * outline.length:  # of a long wall: thinner than a cell
             covered |= shapely.intersects(outline, shapely.box(column, row, column + 1, row + 1))
         cells[row0:row1, column0:column1][covered] = OCCUPIED
     return replace(occupancy, cells=cells, resolution_m=cell_m)

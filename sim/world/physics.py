@@ -297,7 +297,7 @@ _TRANSFORM: Final = 17
 
 
 def _turn_by_own_functions(body: pymunk.Body) -> None:
-    """Let a body have cosine and sine of its angle from us: Chipmunk asks the C library whenever it moves it."""
+    """Give a body cosine and sine of ours, as Chipmunk asks the C library for them."""
     transform = ffi.cast("double *", body._body)[_TRANSFORM : _TRANSFORM + 4]
 
     def turn() -> None:

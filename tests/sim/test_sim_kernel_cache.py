@@ -103,6 +103,7 @@ def scale(x, memory):
 def scaled(files, tmp_path, monkeypatch):
     """Compiles the kernel `scale` of a plug-in as a process that starts now does; whether it was compiled before."""
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # two texts of one second and one length have one bytecode
 
     def scaled(old="import", new="import"):
         assert old in SCALED

@@ -9,7 +9,7 @@ from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameters.servers import ControllerServer, PlannerServer
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.reading.robot import robot_of
+from vastflow.sim.nav2.system.robot import robot_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
 

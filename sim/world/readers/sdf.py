@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from vastflow.sim.model.elementary import atan2, cos_sin
+from vastflow.sim.model.elementary import atan2, cos_sin, dist
 from vastflow.sim.model.files import is_file, read_bytes
 from vastflow.sim.model.pose import DECIMALS, Pose
 from vastflow.sim.world.bodies import Body, Box, Disc, Polygon
@@ -101,12 +101,12 @@ def _models(
 ) -> Iterator[Body]:
     for model in parent.findall("model"):
         name = above if is_included and above else _joined(above, model)
-        own = to_world @ _pose(file, model, name)
+        own = _product(to_world, _pose(file, model, name))
         for link in model.findall("link"):
-            linked = own @ _pose(file, link, name)
+            linked = _product(own, _pose(file, link, name))
             for collision in link.findall("collision"):
                 place = _joined(_joined(name, link), collision)
-                yield from _bodies(file, collision, linked @ _pose(file, collision, place), place)
+                yield from _bodies(file, collision, _product(linked, _pose(file, collision, place)), place)
         yield from _models(file, model, own, name, depth)
     for include in parent.findall("include"):
         name = _joined(above, include, include.findtext("name") or include.findtext("uri") or "include")
@@ -114,8 +114,8 @@ def _models(
         # The pose of an include takes the place of the model's own.
         own_pose = _pose(file, include, name)
         if include.find("pose") is not None:
-            own_pose = own_pose @ _inverse(_first_pose(included, name))
-        yield from _of_file(included, to_world @ own_pose, name, depth + 1)
+            own_pose = _product(own_pose, _inverse(_first_pose(included, name)))
+        yield from _of_file(included, _product(to_world, own_pose), name, depth + 1)
 
 
 def _files(file: _File, depth: int) -> Iterator[Path]:
@@ -149,11 +149,17 @@ def _first_pose(file: _File, name: str) -> Transform:
     return np.eye(4) if model is None else _pose(file, model, name)
 
 
+def _product(a: Transform, b: Transform) -> Transform:
+    # Not by `@`, whose sums differ in their last bits from host to host.
+    return np.array(
+        [[math.fsum(x * y for x, y in zip(row, column, strict=True)) for column in b.T.tolist()] for row in a.tolist()]
+    )
+
+
 def _inverse(pose: Transform) -> Transform:
-    turned_back = pose[:3, :3].T
-    inverse = np.eye(4)
-    inverse[:3, :3], inverse[:3, 3] = turned_back, -turned_back @ pose[:3, 3]
-    return inverse
+    turned, moved = np.eye(4), np.eye(4)
+    turned[:3, :3], moved[:3, 3] = pose[:3, :3].T, -pose[:3, 3]
+    return _product(turned, moved)
 
 
 def _numbers(file: _File, text: str | None, count: int, place: str) -> list[float]:
@@ -199,7 +205,9 @@ def _bodies(file: _File, collision: Element, to_world: Transform, place: str) ->
         return
     if shape.tag == "plane":
         normal = _numbers(file, shape.findtext("normal", "0 0 1"), 3, f"{place}: normal")
-        if abs((to_world[:3, :3] @ normal)[2]) < (1.0 - _UPRIGHT) * float(np.linalg.norm(normal)):
+        if abs(math.fsum(x * y for x, y in zip(to_world[2, :3], normal, strict=True))) < (1.0 - _UPRIGHT) * dist(
+            normal, (0.0, 0.0, 0.0)
+        ):
             raise file.error(f"{place}: expected a level plane, which is a floor, got one that is not")
         return
     if shape.tag == "mesh":
@@ -254,7 +262,6 @@ def _solid(file: _File, shape: Element, place: str) -> _Solid:
 
 def _cut(solid: _Solid, to_world: Transform, place: str) -> Iterator[Body]:
     """Yield the outline of a solid between a robot's heights; of a tilted one its hull."""
-    # To the nanometer: products of matrices differ in their last bits from host to host.
     x_m, y_m, z_m = (round(part, DECIMALS) for part in to_world[:3, 3].tolist())
     is_upright = abs(to_world[2, 2]) > 1.0 - _UPRIGHT
     if solid.is_ball or is_upright:
@@ -265,7 +272,7 @@ def _cut(solid: _Solid, to_world: Transform, place: str) -> Iterator[Body]:
         flat = solid.flat
         if solid.is_ball and isinstance(flat, Disc):
             widest_m = min(max(z_m, LOWEST_M), HIGHEST_M)
-            flat = Disc(math.sqrt(flat.radius_m**2 - (widest_m - z_m) ** 2))
+            flat = Disc(math.sqrt((flat.radius_m - widest_m + z_m) * (flat.radius_m + widest_m - z_m)))
         elif up < 0.0 and isinstance(flat, Polygon):
             # Upside down is a half turn about x: y changes its sign.
             flat = Polygon(tuple((x, -y) for x, y in flat.vertices_m))
@@ -274,13 +281,18 @@ def _cut(solid: _Solid, to_world: Transform, place: str) -> Iterator[Body]:
         return
     base = np.array(Body("", solid.flat, Pose(0.0, 0.0, 0.0)).outline.exterior.coords[:-1])
     rings = [np.column_stack([base, np.full(len(base), end)]) for end in (solid.low_m, solid.high_m)]
-    low, high = (ring @ to_world[:3, :3].T + to_world[:3, 3] for ring in rings)
+    low, high = (_moved(to_world, ring) for ring in rings)
     edges = [(ring, np.roll(ring, -1, axis=0)) for ring in (low, high)] + [(low, high)]
     points = np.concatenate([_within(a, b) for a, b in edges])
     if len(points) and (hull := shapely.MultiPoint(points[:, :2]).convex_hull).area > 0.0:
         vertices = tuple((round(x - x_m, DECIMALS), round(y - y_m, DECIMALS)) for x, y in hull.exterior.coords[:-1])
         low_m, high_m = round(float(points[:, 2].min()), DECIMALS), round(float(points[:, 2].max()), DECIMALS)
         yield Body(place, Polygon(vertices), Pose(x_m, y_m, 0.0), low_m, high_m)
+
+
+def _moved(to_world: Transform, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    x, y, z = points.T
+    return np.column_stack([row[0] * x + row[1] * y + row[2] * z + row[3] for row in to_world[:3].tolist()])
 
 
 def _within(begins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
