@@ -59,7 +59,6 @@ ALLOWED: Final[dict[str, tuple[int, str]]] = {
     "tasks/engine/dask_client.py": (1, "a stream"),
     "tasks/engine/dask_worker.py": (1, "the parent process"),
     "tasks/keys/code_digest.py": (2, "files of the installation, and the user's cache with its digest"),
-    "tasks/keys/keys.py": (1, "/proc/cpuinfo"),
     "tasks/keys/source.py": (1, "files of the installation, and copies of plug-ins"),
     "tasks/prefect/api_server.py": (1, "a file of the installation"),
     "tasks/prefect/containers.py": (1, "a scalar of a file within the limits"),

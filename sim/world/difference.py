@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.arrays import cos_sins
 from vastflow.sim.model.elementary import normals
 from vastflow.sim.world.occupancy import FREE, OccupancyMap
 
@@ -99,6 +98,8 @@ def _field(
     rng: np.random.Generator, y_m: NDArray[np.float64], x_m: NDArray[np.float64], difference: WorldDifference
 ) -> NDArray[np.float64]:
     """Draw offsets (len(y_m), len(x_m)) in meters."""
+    from vastflow.sim.kernels.arrays import cos_sins  # campaign files are read without kernels
+
     wave = normals(rng, (2, _WAVES), np.float64) / difference.correlation_length_m
     phase = rng.uniform(0.0, 2.0 * math.pi, _WAVES)
     field = np.zeros((len(y_m), len(x_m)))

@@ -7,8 +7,6 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.arrays import cos_sins
-
 Drive: TypeAlias = Literal["differential", "ackermann", "omni"]
 
 
@@ -63,6 +61,8 @@ class Lidar:
 
     def directions(self) -> NDArray[np.float64]:
         """Return unit vectors (beams, 2) of the beams in the robot's frame."""
+        from vastflow.sim.kernels.arrays import cos_sins  # campaign files are read without kernels
+
         bearings_rad = self.mount_xyt[2] + self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams)
         return np.column_stack(cos_sins(bearings_rad))
 

@@ -8,6 +8,7 @@ Debian's C library under bubblewrap, and with other versions of Python.
 """
 
 import sys
+from importlib import import_module
 from pathlib import Path
 
 from vastflow.oracles.judgement.judge import judge_block
@@ -30,10 +31,9 @@ EVERY = 3
 def golden() -> None:
     """Print the golden runs' digests, and whether they are those that are pinned."""
     sys.path.append(str(ROOT / "tests" / "sim"))
-    from test_sim_golden_runs import GOLDEN, run_of
-
-    for kind, pinned in GOLDEN.items():
-        found = run_of(*kind).digest
+    runs = import_module("test_sim_golden_runs")
+    for kind, pinned in runs.GOLDEN.items():
+        found = runs.run_of(*kind).digest
         print(*kind, found[:20], "as pinned" if found.startswith(pinned.digest) else "OTHER", flush=True)
 
 

@@ -12,6 +12,7 @@ from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.system.robot import robot_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
+from vastflow.sim.world.world import World
 
 
 @each_row(
@@ -28,7 +29,7 @@ def test_mission_aborts_without_a_recovery_where_nav2_finds_no_plug_in(server, c
     parameters = NavParameters().with_values(**{name: server(refusal=code)})
     cells = np.zeros((60, 120), dtype=np.int8)
     cells[[0, -1]], cells[:, [0, -1]] = 100, 100
-    prepared = prepare(OccupancyMap(cells, 0.05, (0.0, 0.0)), Lidar(), parameters)
+    prepared = prepare(World(OccupancyMap(cells, 0.05, (0.0, 0.0))), Lidar(), parameters)
     mission, start = Mission(kind, (Pose(4.0, 1.5, 0.0), Pose(5.0, 1.5, 0.0))), Pose(1.0, 1.5, 0.0)
     if kind == "navigate_to_pose":
         mission = Mission(kind, mission.goals[:1])

@@ -5,8 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.arrays import cos_sins
-from vastflow.sim.model.elementary import hypots
+from vastflow.sim.model.elementary import cos_sin, hypots
 from vastflow.sim.model.polygon import as_array, vertices_of
 from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
@@ -26,9 +25,9 @@ def padded_outline(robot_radius_m: float, padding_m: float) -> NDArray[np.float6
 
     The result is not regular and its radii are neither `robot_radius` nor that plus the padding.
     """
-    angles_rad = 2.0 * np.pi * np.arange(VERTICES) / VERTICES
+    angles_rad = (2.0 * np.pi * np.arange(VERTICES) / VERTICES).tolist()
     # sin π is 1.2e-16 and not 0, so a vertex on an axis moves off it, in Nav2 as here.
-    return padded(robot_radius_m * np.column_stack(cos_sins(angles_rad)), padding_m)
+    return padded(robot_radius_m * np.array([*map(cos_sin, angles_rad)]), padding_m)
 
 
 def padded(vertices: NDArray[np.float64], padding_m: float) -> NDArray[np.float64]:
