@@ -247,7 +247,8 @@ class Bed:
         top = find_spec("vastflow")
         if top is not None and top.origin is not None:  # else the installed package is found in its place
             bed.source("").mkdir(parents=True)
-            shutil.copy(top.origin, bed.source("__init__.py"))
+            for module in Path(top.origin).parent.glob("*.py"):
+                shutil.copy(module, bed.source(module.name))
         for package in PACKAGES:
             spec = find_spec(f"vastflow.{package}")
             assert spec is not None and spec.submodule_search_locations
