@@ -46,7 +46,7 @@ from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.reading.abstract import hall_file
-from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY
+from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY, difference_of
 from vastflow.sim.system.facts import robot_words
 from vastflow.sim.system.keys import FOOTPRINT_NAMES, is_of_footprint
 from vastflow.sim.system.robot import NOISE_MODEL_KEY, ROBOT_KEY
@@ -225,9 +225,8 @@ class FamilyReader:
             if key.startswith("_"):
                 self._fault(where, Got(repr(key)), "a name without a leading underscore", at="key")
             places[key] = where
-            if key == WORLD_KEY and isinstance(value, str):
-                if content := self._world_file(where, value):
-                    values[key] = content
+            if key == WORLD_KEY:
+                values[key] = self._world(where, value)
             elif key not in MAP_FILE_KEYS:
                 values[key] = noise_value(value, self._base) if key == NOISE_MODEL_KEY else value
             elif content := self._map(where, value):
@@ -250,12 +249,14 @@ class FamilyReader:
                 self.faults.append(replace(fault, kind="missing") if isinstance(error, MissingMap) else fault)
         return self._maps.get(value)
 
-    def _world_file(self, location: Location, value: str) -> FileContent | None:
+    def _world(self, location: Location, value: Value) -> Value:
         try:
-            return world_content(self._base / value)
-        except ValueError as error:  # WorldError; ValueError for a NUL in the path
-            self.faults.append(self._document.fault(location, str(error)))
-        return None
+            if isinstance(value, str):
+                return world_content(self._base / value)
+            difference_of(value)
+        except ValueError as error:  # ScenarioError; ValueError for a NUL in the path
+            self.faults.append(self._document.fault(location, str(error).removeprefix(f"{WORLD_KEY}: ")))
+        return value
 
     def _check_fixed(
         self,

@@ -44,7 +44,7 @@ def difference_of(value: Value) -> WorldDifference | None:
     if not isinstance(value, Mapping) or (unknown := set(value) - set(_NAMES)):
         found = repr(value) if not isinstance(value, Mapping) else ", ".join(sorted(unknown))
         raise ScenarioError(
-            f"{WORLD_KEY}: expected a mapping of {', '.join(_NAMES)}, as WorldVariation writes it, got {found}"
+            f"{WORLD_KEY}: expected the path of a world, or a mapping of {', '.join(_NAMES)}, as WorldVariation writes it, got {found}"
         )
     seed = value.get("seed", 0)
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:

@@ -149,3 +149,6 @@ def test_world_of_family_is_read_beside_campaign_file(places):
     (base / "posts.csv").write_text("0.2,0.2,much\n")
     with pytest.raises(FileError, match=r"5:16: .*posts\.csv:1: expected three numbers x, y, radius"):
         load_campaign(base / "two.vast", map_dir=maps)
+    (base / "two.vast").write_text(text.replace("posts.csv", "3"))
+    with pytest.raises(FileError, match=r"5:16: .*world: expected the path of a world, or a mapping of seed"):
+        load_campaign(base / "two.vast", map_dir=maps)
