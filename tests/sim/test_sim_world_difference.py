@@ -126,7 +126,10 @@ def test_body_keeps_out_of_the_worlds_walls(scenario, two_rooms_map, seed):
 @each_row(
     ("value", "message"),
     [
-        (3, r"^world: expected the path of a world, or a mapping of seed, wall_offset, correlation_length, missing_furniture, as .*, got 3"),
+        (
+            3,
+            r"^world: expected the path of a world, or a mapping of seed, wall_offset, correlation_length, missing_furniture, as .*, got 3",
+        ),
         ({"offset": 1}, r"^world: expected the path of a world, or a mapping of seed, .*, got offset"),
         ({"seed": -1}, r"^world.seed: expected a whole number from 0, got -1"),
         ({"seed": True}, r"^world.seed: expected a whole number from 0, got True"),

@@ -143,6 +143,25 @@ def test_included_model_stands_at_pose_of_include(tmp_path, sdf):
     assert [file.name for file in files_of_world(tmp_path / "w.sdf")] == ["w.sdf", "model.sdf"]
 
 
+def test_included_file_lies_at_most_one_folder_above_world(tmp_path):
+    inner = f"<sdf version='1.6'>{model(link(collision()))}</sdf>"
+    for folder in ("outside", "package/worlds", "package/models"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "crate.sdf").write_text(inner)
+    world = tmp_path / "package" / "worlds" / "w.world"
+    for uri, is_found in (
+        ("model://crate.sdf", True),
+        ("../models/crate.sdf", True),
+        ("../../outside/crate.sdf", False),
+    ):
+        world.write_text(f"<sdf version='1.6'><world name='w'><include><uri>{uri}</uri></include></world></sdf>")
+        if is_found:
+            assert len(read_bodies(world)) == 1
+        else:
+            with pytest.raises(WorldError, match="There is no file"):
+                read_bodies(world)
+
+
 DEEP = "<!DOCTYPE sdf [<!ENTITY a 'aaaaaaaaaa'><!ENTITY b '&a;&a;&a;'>]><sdf version='1.6'>&b;</sdf>"
 REFUSED = {
     "entities": (DEEP, "expected XML without a document type"),

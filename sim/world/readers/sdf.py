@@ -4,6 +4,7 @@ Read by http://sdformat.org/spec: models in models, links, collisions, each with
 """
 
 import math
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ import shapely
 from numpy.typing import NDArray
 
 from vastflow.sim.model.elementary import atan2, cos_sin, dist
-from vastflow.sim.model.files import is_file, read_bytes
+from vastflow.sim.model.files import is_file, is_inside, read_bytes
 from vastflow.sim.model.pose import DECIMALS, Pose
 from vastflow.sim.world.bodies import Body, Box, Disc, Polygon
 from vastflow.sim.world.readers.reader import FARTHEST_M, MOST_BODIES, WorldError
@@ -136,11 +137,12 @@ def _included(file: _File, include: Element, name: str) -> _File:
     inner = uri.removeprefix("file://").removeprefix("model://")
     if not inner or "://" in inner:
         raise file.error(f"{name}: expected the uri of a local file, got {uri!r}")
-    for place in (file.path.parent / inner, file.folder / inner, file.folder / "models" / inner):
-        for path in (place, place / "model.sdf"):
-            if is_file(path):
+    home = file.folder.parent
+    for folder in (file.path.parent, file.folder, file.folder / "models", home / "models"):
+        for path in (folder / inner, folder / inner / "model.sdf"):
+            if is_file(path) and is_inside(path, os.path.realpath(home)):
                 return _File(path, file.folder)
-    raise file.error(f"{name}: There is no file {inner!r} beside the world, nor in its folder 'models'.")
+    raise file.error(f"{name}: There is no file {inner!r} beside the world, nor in a folder 'models' there or above.")
 
 
 def _first_pose(file: _File, name: str) -> Transform:
