@@ -47,6 +47,8 @@ def _node(node: ast.AST) -> Iterator[Any]:
     """Yield a node's parts without absent fields and empty lists, which depend on the version of Python."""
     yield f"({type(node).__name__}".encode()
     for name, value in ast.iter_fields(node):
+        if isinstance(node, ast.JoinedStr):  # Python 3.12 has an empty text behind a nested format
+            value = [each for each in value if not (isinstance(each, ast.Constant) and each.value == "")]
         is_absent = (value is None and not isinstance(node, ast.Constant)) or value == []
         if name not in _UNSEEN and not is_absent:
             yield f" {name}=".encode()

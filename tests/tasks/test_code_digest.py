@@ -2,7 +2,6 @@ import ast
 import io
 import itertools
 import random
-import sys
 import tokenize
 from pathlib import Path
 
@@ -81,11 +80,6 @@ def test_code_digest_is_pinned():
         "import math\n\n\ndef area(r, *, n: int = 2, **rest):\n    return f'{math.pi * r**n!r:>{n}}' if r else None\n"
     )
     pinned = "a5a22cbbb6ae6c514b246387a3cb053407b5d080a4ba8ddfe2178bb5068d72e6"
-    if sys.version_info[:2] == (
-        3,
-        12,
-    ):  # whose `ast.dump` writes empty type parameters; a key holds Python's minor version
-        pinned = "62a8440ce8776be1745e85a35156598a811e17174e5250de3be7421ead4bc746"
     assert code_digest(text) == pinned
 
 
