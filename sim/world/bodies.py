@@ -104,6 +104,8 @@ def walls_of(bodies: Sequence[Body], occupancy: OccupancyMap) -> OccupancyMap:
             shapely.prepare(outline)
             covered = shapely.contains_xy(outline, column + 0.5, row + 0.5)
         if outline.area < 0.5 * outline.length:  # of a long wall: thinner than a cell
-            covered |= shapely.intersects(outline, shapely.box(column, row, column + 1, row + 1))
+            x, y = np.floor(shapely.get_coordinates(shapely.segmentize(outline, 0.25))).astype(np.int64).T
+            there = (row0 <= y) & (y < row1) & (column0 <= x) & (x < column1)
+            covered[y[there] - row0, x[there] - column0] = True
         cells[row0:row1, column0:column1][covered] = OCCUPIED
     return replace(occupancy, cells=cells, resolution_m=cell_m)

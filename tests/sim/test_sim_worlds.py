@@ -183,7 +183,7 @@ REFUSED = {
     "nothing there": (model(link("")), "has no body that a robot could meet"),
     "missing include": ("<include><uri>model://gone</uri></include>", "There is no file 'gone'"),
     "from elsewhere": ("<include><uri>https://x.y/z</uri></include>", "expected the uri of a local file"),
-    "itself": ("<include><uri>w.sdf</uri></include>", "8 files that include one another"),
+    "itself": ("<include><uri>w.sdf</uri></include>", "8 files and models in one another"),
 }  # fmt: skip
 
 
@@ -204,6 +204,27 @@ def test_world_of_too_many_bodies_is_refused(monkeypatch, sdf):
     monkeypatch.setattr("vastflow.sim.world.readers.sdf.MOST_BODIES", 5)
     with pytest.raises(WorldError, match="expected 5 bodies at most"):
         sdf(model(link(collision() * 6)))
+
+
+HOSTILE = [
+    ("<model name='m'>" * 100_000 + "</model>" * 100_000, "8 files and models in one another at most"),
+    ("<model name='m'/>" * 1_000_000, "has no body that a robot could meet"),
+    ("<include><uri>empty.sdf</uri></include>" * 20_000, "10,000 includes at most"),
+]
+
+
+@each_row("text, message", HOSTILE)
+def test_hostile_world_is_one_sentence(tmp_path, text, message):
+    (tmp_path / "empty.sdf").write_text("<sdf version='1.6'/>")
+    (tmp_path / "w.sdf").write_text(f"<sdf version='1.6'><world name='w'>{text}</world></sdf>")
+    with pytest.raises(WorldError, match=r"w\.sdf") as error:
+        read_bodies(tmp_path / "w.sdf")
+    assert message in str(error.value) and len(str(error.value)) < 300
+
+
+def test_world_of_more_bodies_than_allowed_is_refused(sdf):
+    with pytest.raises(WorldError, match=r"100,000 bodies at most"):
+        sdf(model(link(collision("<sphere><radius>1</radius></sphere>") * 150_000)))
 
 
 def test_circles_are_read_with_and_without_names(tmp_path):

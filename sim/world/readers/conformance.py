@@ -1,6 +1,7 @@
 """Conformance checks of world readers, for authors' tests."""
 
 import math
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -48,16 +49,15 @@ def check_files(reader: Reader, file: Path) -> None:
 
 def check_refusal(reader: Reader, file: Path) -> None:
     """Check that it refuses what is no file of its kind by a `WorldError` that names it."""
-    wrong = file.with_name(f"wrong{reader.suffixes[0]}")
-    wrong.write_text("\u2603 no world")
-    try:
-        [*reader.read(wrong)]
-    except WorldError as error:
-        _must(str(wrong) in str(error), reader, f"must name the file in its error, found {error}")
-    else:
-        raise AssertionError(f"{reader.__name__} must refuse a file of another kind")
-    finally:
-        wrong.unlink()
+    with tempfile.TemporaryDirectory() as folder:
+        wrong = Path(folder, f"wrong{reader.suffixes[0]}")
+        wrong.write_text("\u2603 no world")
+        try:
+            [*reader.read(wrong)]
+        except WorldError as error:
+            _must(str(wrong) in str(error), reader, f"must name the file in its error, found {error}")
+        else:
+            raise AssertionError(f"{reader.__name__} must refuse a file of another kind")
 
 
 CHECKS: Final[tuple[Callable[[Reader, Path], None], ...]] = (check_suffixes, check_bodies, check_files, check_refusal)

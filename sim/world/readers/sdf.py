@@ -6,7 +6,7 @@ Read by http://sdformat.org/spec: models in models, links, collisions, each with
 import math
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Final
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -19,14 +19,16 @@ from numpy.typing import NDArray
 from vastflow.sim.model.elementary import atan2, cos_sin, dist
 from vastflow.sim.model.files import is_file, is_inside, read_bytes
 from vastflow.sim.model.pose import DECIMALS, Pose
-from vastflow.sim.world.bodies import Body, Box, Disc, Polygon
+from vastflow.sim.world.bodies import Body, Box, Disc, Polygon, Shape
 from vastflow.sim.world.readers.reader import FARTHEST_M, MOST_BODIES, WorldError
 
 LOWEST_M: Final = 0.02
 HIGHEST_M: Final = 0.4
 """Heights between which a collision stands in the way of a robot or its lidar: thresholds are driven over, tables under."""
 MOST_DEPTH: Final = 8
-"""Maximum number of files that include one another."""
+"""Maximum number of files and models that are in one another."""
+MOST_INCLUDES: Final = 10_000
+"""Maximum number of includes, as files that include each other often take forever."""
 MOST_FILE_BYTES: Final = 64 * 2**20
 _UPRIGHT: Final = 1e-6
 
@@ -35,7 +37,7 @@ Transform = NDArray[np.float64]
 
 
 class Sdf:
-    """Reader of SDF worlds and models: boxes, cylinders, spheres, capsules, planes, and polylines.
+    """Reader of SDF worlds and models: boxes, cylinders, spheres, planes, and polylines.
 
     What no robot meets at its heights is left out, such as the floor. A mesh can't be read.
     """
@@ -44,29 +46,50 @@ class Sdf:
 
     @staticmethod
     def read(path: Path) -> Iterator[Body]:
-        for count, body in enumerate(_of_file(_File(path, path.parent), np.eye(4), "", 0)):
+        for count, body in enumerate(_of_file(_File(path, _Tree(path.parent)), np.eye(4), "", 0)):
             if count >= MOST_BODIES:
                 raise WorldError(f"{path}: expected {MOST_BODIES:,} bodies at most, got more")
             yield body
 
     @staticmethod
     def files(path: Path) -> list[Path]:
-        return [*dict.fromkeys(_files(_File(path, path.parent), 0))]
+        found, tree = [path], _Tree(path.parent)
+        for each in found:  # grows
+            file = _File(each, tree)
+            included = (_included(file, include, "include").path for include in _root(file).iter("include"))
+            found += [one for one in dict.fromkeys(included) if one not in found]
+        return found
+
+
+@dataclass
+class _Tree:
+    """The files of a world that were parsed.
+
+    Attributes:
+        folder: The world's, in which the models are that it includes.
+        includes: Number of includes so far.
+    """
+
+    folder: Path
+    roots: dict[Path, Element] = field(default_factory=dict)
+    includes: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class _File:
-    """A file, and the world's folder, in which the models are that it includes."""
+    """A file of a world."""
 
     path: Path
-    folder: Path
+    tree: _Tree
 
     def error(self, what: str) -> WorldError:
         return WorldError(f"{self.path}: {what}")
 
 
 def _root(file: _File) -> Element:
-    """Parse a file; a document type, which can have entities, is refused."""
+    """Parse a file once; a document type, which can have entities, is refused."""
+    if file.path in file.tree.roots:
+        return file.tree.roots[file.path]
     builder, parser = TreeBuilder(), expat.ParserCreate()
     parser.buffer_text = True
 
@@ -86,12 +109,11 @@ def _root(file: _File) -> Element:
     root: Element = builder.close()
     if root.tag != "sdf":
         raise file.error(f"expected <sdf>, got <{root.tag}>")
+    file.tree.roots[file.path] = root
     return root
 
 
 def _of_file(file: _File, to_world: Transform, name: str, depth: int) -> Iterator[Body]:
-    if depth > MOST_DEPTH:
-        raise file.error(f"expected {MOST_DEPTH} files that include one another at most, got more")
     root = _root(file)
     for parent in (*root.findall("world"), root):
         yield from _models(file, parent, to_world, name, depth, is_included=bool(depth))
@@ -100,30 +122,28 @@ def _of_file(file: _File, to_world: Transform, name: str, depth: int) -> Iterato
 def _models(
     file: _File, parent: Element, to_world: Transform, above: str, depth: int, is_included: bool = False
 ) -> Iterator[Body]:
+    if depth > MOST_DEPTH:
+        raise file.error(f"expected {MOST_DEPTH} files and models in one another at most, got more")
     for model in parent.findall("model"):
         name = above if is_included and above else _joined(above, model)
-        own = _product(to_world, _pose(file, model, name))
+        own = _placed(file, model, to_world, name)
         for link in model.findall("link"):
-            linked = _product(own, _pose(file, link, name))
+            linked = _placed(file, link, own, name)
             for collision in link.findall("collision"):
                 place = _joined(_joined(name, link), collision)
-                yield from _bodies(file, collision, _product(linked, _pose(file, collision, place)), place)
-        yield from _models(file, model, own, name, depth)
+                yield from _bodies(file, collision, _placed(file, collision, linked, place), place)
+        yield from _models(file, model, own, name, depth + 1)
     for include in parent.findall("include"):
         name = _joined(above, include, include.findtext("name") or include.findtext("uri") or "include")
         included = _included(file, include, name)
+        file.tree.includes += 1
+        if file.tree.includes > MOST_INCLUDES:
+            raise file.error(f"expected {MOST_INCLUDES:,} includes at most, got more")
         # The pose of an include takes the place of the model's own.
         own_pose = _pose(file, include, name)
         if include.find("pose") is not None:
             own_pose = _product(own_pose, _inverse(_first_pose(included, name)))
         yield from _of_file(included, _product(to_world, own_pose), name, depth + 1)
-
-
-def _files(file: _File, depth: int) -> Iterator[Path]:
-    yield file.path
-    if depth < MOST_DEPTH:
-        for include in _root(file).iter("include"):
-            yield from _files(_included(file, include, "include"), depth + 1)
 
 
 def _joined(above: str, element: Element, name: str = "") -> str:
@@ -137,11 +157,11 @@ def _included(file: _File, include: Element, name: str) -> _File:
     inner = uri.removeprefix("file://").removeprefix("model://")
     if not inner or "://" in inner:
         raise file.error(f"{name}: expected the uri of a local file, got {uri!r}")
-    home = file.folder.parent
-    for folder in (file.path.parent, file.folder, file.folder / "models", home / "models"):
+    own, home = file.tree.folder, file.tree.folder.parent
+    for folder in (file.path.parent, own, own / "models", home / "models"):
         for path in (folder / inner, folder / inner / "model.sdf"):
             if is_file(path) and is_inside(path, os.path.realpath(home)):
-                return _File(path, file.folder)
+                return _File(path, file.tree)
     raise file.error(f"{name}: There is no file {inner!r} beside the world, nor in a folder 'models' there or above.")
 
 
@@ -174,6 +194,11 @@ def _numbers(file: _File, text: str | None, count: int, place: str) -> list[floa
         right = f"{count} numbers of {FARTHEST_M:g} at most" if count > 1 else f"a number of {FARTHEST_M:g} at most"
         raise file.error(f"{place}: expected {right}, got {(text or '').strip()!r}")
     return numbers
+
+
+def _placed(file: _File, element: Element, parent: Transform, place: str) -> Transform:
+    """Return the frame of an element in the world, by that of its parent."""
+    return parent if element.find("pose") is None else _product(parent, _pose(file, element, place))
 
 
 def _pose(file: _File, element: Element, place: str) -> Transform:
@@ -226,7 +251,7 @@ class _Solid:
         low_m, high_m: Heights of its ends.
     """
 
-    flat: Box | Disc | Polygon
+    flat: Shape
     low_m: float
     high_m: float
     is_ball: bool = False
@@ -274,7 +299,7 @@ def _cut(solid: _Solid, to_world: Transform, place: str) -> Iterator[Body]:
         flat = solid.flat
         if solid.is_ball and isinstance(flat, Disc):
             widest_m = min(max(z_m, LOWEST_M), HIGHEST_M)
-            flat = Disc(math.sqrt((flat.radius_m - widest_m + z_m) * (flat.radius_m + widest_m - z_m)))
+            flat = Disc(math.sqrt((widest_m - low_m) * (high_m - widest_m)))
         elif up < 0.0 and isinstance(flat, Polygon):
             # Upside down is a half turn about x: y changes its sign.
             flat = Polygon(tuple((x, -y) for x, y in flat.vertices_m))
