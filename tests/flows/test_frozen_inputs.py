@@ -10,9 +10,11 @@ from room import SMALL_ROOM
 from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
 from vastflow.flows.request.run_request import Asked
 from vastflow.flows.results.inputs import inputs_of, replica
+from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.world.readers.reader import bodies_of
 from vastflow.tasks.engine.bundle import Packer
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import open_store
@@ -141,3 +143,28 @@ def test_directory_from_elsewhere_is_laid_out_inside_a_folder(tmp_path, file, pl
     with pytest.raises(UnusableDirectory, match="expected a path inside the folder"), replica(tmp_path, asked):
         pass
     assert not (tmp_path / "away").exists()
+
+
+def test_kept_inputs_have_world_with_what_it_includes(small_room, tmp_path):
+    crate = "<model name='c'><link name='l'><collision name='c'><geometry><box><size>1 1 1</size></box></geometry>"
+    crate = f"<sdf version='1.6'>{crate}</collision></link></model></sdf>"
+    world = "<sdf version='1.6'><world name='w'><include><uri>model://crate</uri></include></world></sdf>"
+    home = small_room.parent
+    for name, text in {"worlds/w.sdf": world, "models/crate/model.sdf": crate}.items():
+        (home / name).parent.mkdir(parents=True)
+        (home / name).write_text(text)
+    text = small_room.read_text()
+    at = text.index("map_file:")
+    lines = text[at:].split("\n", 1)
+    indent = text[text.rindex("\n", 0, at) + 1 : at]
+    small_room.write_text(f"{text[:at]}{lines[0]}\n{indent}world: worlds/w.sdf\n{lines[1]}")
+    campaign, oracles = read_campaign(small_room)
+    given = campaign.families[0].values["world"]
+    inputs = inputs_of(campaign, oracles)
+    shutil.rmtree(home / "worlds")
+    shutil.rmtree(home / "models")
+    directory = tmp_path / "results"
+    directory.mkdir()
+    inputs.write(directory)
+    assert set(inputs.maps) == {campaign.families[0].values["map_file"].digest}
+    assert bodies_of(KeptFiles(directory).content(given.digest))

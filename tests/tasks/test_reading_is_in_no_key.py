@@ -151,6 +151,15 @@ def test_changed_kernel_affects_only_execution_source(copied, module):
     assert [name for name in after if after[name] != before[name]] == ["execute"]
 
 
+def test_changed_radius_of_robot_affects_observing_and_judging(copied):
+    folder, digests = copied
+    before = digests()
+    outline = folder / "vastflow.sim" / "nav2" / "costmaps" / "outline.py"
+    outline.write_text(outline.read_text() + "\nANOTHER = 1\n")
+    after = digests()
+    assert {"observe", "judge"} <= {name for name in after if after[name] != before[name]}
+
+
 def driving(abstract="builtin:navigate_to_pose", timeout_s=20.0, system=None):
     return Scenario(abstract, timeout_s, {"map_file": MAP}, POSES, system or {})
 
