@@ -162,7 +162,6 @@ def _digested(robot: RobotSetup) -> Value:
         repr((robot.robot, robot.lidar)),
         *(() if robot.difference is None else (repr(robot.difference),)),
         *(() if robot.masks == NO_MASKS else (robot.masks.keepout, robot.masks.speed)),
-        *(() if robot.world_file is None else (robot.world_file,)),
     ]
 
 

@@ -63,6 +63,12 @@ def test_params_lists_parameters_and_counts(nav2):
     assert "not in the file and not simulated: collision_monitor" in lines
 
 
+def test_params_prints_value_that_is_used_in_place_of_special_one(nav2):
+    nav2.write_text(NAV2.replace("publish_zero_velocity: false", "failure_tolerance: -1.0"))
+    lines = [" ".join(line.split()) for line in called("params", nav2).stdout.splitlines()]
+    assert "3 controller_server.failure_tolerance -1.0 modeled: 1000000.0" in lines
+
+
 def test_params_says_at_which_rate_a_loop_truly_runs(nav2):
     frequency = "local_costmap: {local_costmap: {ros__parameters: {update_frequency: 3.0, publish_frequency: 2.0}}}\n"
     loop = "bt_navigator: {ros__parameters: {bt_loop_duration: 10}}\n"

@@ -290,6 +290,26 @@ def test_walls_cover_area_of_body(shape, area_m2):
     assert walls.occupied.sum() * 0.025**2 == pytest.approx(area_m2, rel=0.06)
 
 
+def test_outline_of_turned_body_is_turned_counterclockwise():
+    triangle = Polygon(((0.0, 0.0), (1.0, 0.0), (0.0, 0.5)))
+    assert corners(Body("b", triangle, Pose(1.0, 2.0, math.pi / 2))) == [(0.5, 2.0), (1.0, 2.0), (1.0, 3.0)]
+
+
+@each_row("shape", [Disc(0.4), Box(0.8, 0.3), Polygon(((-0.3, -0.3), (0.3, -0.3), (0.3, 0.3), (-0.3, 0.3)))])
+def test_walls_stand_where_body_does(shape):
+    walls = walls_of([Body("b", shape, Pose(0.6, -0.9, 0.0))], EMPTY)
+    rows, columns = np.nonzero(walls.occupied)
+    assert (columns.mean() * 0.025 - 1.9875, rows.mean() * 0.025 - 1.9875) == pytest.approx((0.6, -0.9), abs=0.01)
+
+
+def test_walls_of_turned_map_are_on_its_grid():
+    turned = OccupancyMap(EMPTY.cells, 0.05, (-2.0, -2.0), math.pi / 8)
+    x_m, y_m = turned.frame.to_map(0.6, -0.9)
+    walls = walls_of([Body("b", Disc(0.3), Pose(x_m, y_m, 0.0))], turned)
+    upright = walls_of([Body("b", Disc(0.3), Pose(0.6, -0.9, 0.0))], EMPTY)
+    assert (walls.occupied ^ upright.occupied).sum() <= 4
+
+
 def test_turned_thin_wall_has_no_gap():
     walls = walls_of([Body("b", Box(3.0, 0.001), Pose(0.0, 0.0, 0.4))], EMPTY)
     assert ndimage.label(walls.occupied, np.ones((3, 3)))[1] == 1
