@@ -94,14 +94,14 @@ def test_surface_is_imported_without_errors_of_mypy(tmp_path):
     ]
 
 
-def test_surface_names_what_it_lacks():
+def test_surface_names_missing_name():
     with pytest.raises(AttributeError, match=r"module 'vastflow\.plugins' has no attribute 'Orakel'"):
         plugins.Orakel  # noqa: B018
     with pytest.raises(ImportError, match=r"cannot import name 'nothing' from 'vastflow'"):
         from vastflow import nothing  # noqa: F401
 
 
-def test_importing_name_imports_what_it_needs():
+def test_importing_name_imports_its_needs_alone():
     code = (
         "import sys, vastflow.plugins as p; p.Planner; print(sorted({'numba', 'pandas', 'prefect'} & {*sys.modules}))"
     )

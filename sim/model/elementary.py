@@ -151,7 +151,7 @@ def atan2s(y: NDArray[Any], x: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def normals(rng: np.random.Generator, shape: tuple[int, ...], kind: type[np.floating[Any]]) -> NDArray[Any]:
-    """Draw what `rng.standard_normal` draws, with logarithms of ours for the numbers from the distribution's tail.
+    """Draw as `rng.standard_normal` does, with logarithms of ours in the distribution's tail.
 
     Where NumPy rejects a number by an exponential of the C library, the last bit decides once in 10¹⁰ numbers or less.
     """

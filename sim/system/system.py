@@ -90,7 +90,7 @@ class System(Protocol):
 
     @property
     def whose(self) -> str:
-        """Whose robot it is, in one line."""
+        """One line on the origin of the robot's quantities."""
 
     @property
     def defaults(self) -> Mapping[str, Mapping[str, Value]] | None:

@@ -1,4 +1,4 @@
-"""Bodies that stand in a world, and the walls that they are for a robot and its lidar."""
+"""Bodies of a world, and their walls for a robot and its lidar."""
 
 import math
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ Shape: TypeAlias = Disc | Box | Polygon
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A body that stands in a world.
+    """A body of a world, at rest.
 
     Attributes:
         name: As its file calls it.

@@ -27,7 +27,7 @@ _OF_SCHEMA: Final = re.compile(r"Prefect (\S+) at revision (\w+)")
 
 
 def database_file(connection_url: str) -> Path | None:
-    """Return the file of a database; None for one that is none."""
+    """Return the file of a database, or None for another kind."""
     place = connection_url.removeprefix(_SQLITE).partition("?")[0]
     return None if place == connection_url or place.startswith(":") else Path(unquote(place))
 

@@ -59,7 +59,7 @@ def read(case, name="params.yaml"):
         ("C22", "validate", 0, ["OK: 1 family"]),
     ],
 )
-def test_command_says_of_a_case_what_nav2_does(case, command, code, words):
+def test_command_tells_of_case_as_nav2_acts(case, command, code, words):
     campaign = {"C06": "round_trip.vast", "C13": "one_first.vast"}.get(case, "case.vast")
     name = "params.yaml" if command == "params" else campaign
     exit_code, text = said(command, case, name)

@@ -45,7 +45,7 @@ def contents(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_export_writes_what_its_format_names_as_in_the_folders_of_all_runs(results, tmp_path):
+def test_export_writes_files_of_its_format_into_folders_of_runs(results, tmp_path):
     for name in ("vast", "junit", "csv"):
         said = called("export", results, tmp_path / name, "--format", name).stdout
         assert said.startswith("2 configurations; 4 runs: 2 passed, 2 failed\n")

@@ -145,7 +145,7 @@ def test_directory_from_elsewhere_is_laid_out_inside_a_folder(tmp_path, file, pl
     assert not (tmp_path / "away").exists()
 
 
-def test_kept_inputs_have_world_with_what_it_includes(small_room, tmp_path):
+def test_kept_inputs_have_world_with_its_included_files(small_room, tmp_path):
     crate = "<model name='c'><link name='l'><collision name='c'><geometry><box><size>1 1 1</size></box></geometry>"
     crate = f"<sdf version='1.6'>{crate}</collision></link></model></sdf>"
     world = "<sdf version='1.6'><world name='w'><include><uri>model://crate</uri></include></world></sdf>"

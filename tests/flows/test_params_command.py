@@ -63,7 +63,7 @@ def test_params_lists_parameters_and_counts(nav2):
     assert "not in the file and not simulated: collision_monitor" in lines
 
 
-def test_params_prints_value_that_is_used_in_place_of_special_one(nav2):
+def test_params_prints_used_value_beside_special_one(nav2):
     nav2.write_text(NAV2.replace("publish_zero_velocity: false", "failure_tolerance: -1.0"))
     lines = [" ".join(line.split()) for line in called("params", nav2).stdout.splitlines()]
     assert "3 controller_server.failure_tolerance -1.0 modeled: 1000000.0" in lines

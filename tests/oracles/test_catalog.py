@@ -73,7 +73,7 @@ def test_success_judges_outcome(xy_m, given, judgement, reason):
         ([[0, 0], [0, 0]], 1),  # the last goal is where the robot stands: Nav2 ends the mission at once
     ],
 )
-def test_success_fails_mission_through_poses_that_passed_none_of_its_first_goals(xy_m, missed):
+def test_success_fails_mission_through_poses_without_its_first_goals(xy_m, missed):
     far, home = Pose(10.0, 0.0), Pose(0.0, 0.0)
     situation = Situation(home, (far, home), (), passed=(far,))
     xy, run = np.array(xy_m, dtype=float), Run(3, "0", "succeeded", 0, "", 0.2, 0.0, 0, 0, ())

@@ -71,7 +71,7 @@ def test_given_start_is_realised_exactly_where_the_padded_footprint_fits(made, x
 
 @each_row(("y_m", "free"), [(2.0, True), (2.52, True), (2.6, False)])
 def test_start_stands_clear_of_bodies_that_only_the_world_has(made, tmp_path, y_m, free):
-    """A post of 0.2 m at (1, 3) reaches from 2.8 m on, and the footprint of the robot 0.23 m upward."""
+    """A post of 0.2 m at (1, 3) begins at 2.8 m, 0.28 m above the second start."""
     (tmp_path / "posts.csv").write_text("1.0,3.0,0.2\n")
     assert fits(made(poses((1.0, y_m), more=f"  - world: {tmp_path / 'posts.csv'}\n"))) is free
 

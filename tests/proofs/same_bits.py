@@ -30,7 +30,7 @@ EVERY = 3
 
 def golden() -> None:
     """Print the golden runs' digests, and whether they are those that are pinned."""
-    sys.path.append(str(ROOT / "tests" / "sim"))
+    sys.path += [str(ROOT / "tests" / name) for name in ("sim", "support")]
     runs = import_module("test_sim_golden_runs")
     for kind, pinned in runs.GOLDEN.items():
         found = runs.run_of(*kind).digest

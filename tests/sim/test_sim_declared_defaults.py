@@ -169,7 +169,7 @@ def test_default_stack_leaves_nothing_out():
     assert [row for row in omitted(found) if row.is_used] == []
 
 
-def test_metadata_row_says_which_defaults_are_new():
+def test_metadata_row_tells_new_defaults():
     row = defaults_row(read(costmap()))
     assert row["local_costmap.local_costmap.ros__parameters.o.s.max_obstacle_height"] == {"value": 0.0, "since": "0.2"}
     assert row["controller_server.ros__parameters.failure_tolerance"] == {"value": 0.0, "since": ""}

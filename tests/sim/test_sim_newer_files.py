@@ -201,7 +201,7 @@ def test_parameter_of_a_newer_release_differs(text, name, used):
         ("lyrical", {"BackUp", "the goal", "within 4", "a trajectory", "no goal is"}),
     ],
 )
-def test_campaigns_release_says_what_differs(tmp_path, release, others):
+def test_release_of_campaign_tells_differences(tmp_path, release, others):
     (tmp_path / "nav2.yaml").write_text(server(f"{GOALS}, {GOAL}}}, {MPPI}}}"))
     (file := tmp_path / "a.vast").write_text(f"execution: {{nav2_params: nav2.yaml, nav2_release: {release}}}")
     found = system_file_of(read_campaign(file), tmp_path)
@@ -302,7 +302,7 @@ def test_path_of_dwb_may_be_searched_as_a_whole():
         ("planner_server: {ros__parameters: {GridBased: {NAME: 4}}}", "max_cycles_factor", "built in"),
     ],
 )
-def test_note_of_a_parameter_says_what_it_changes(text, name, status):
+def test_note_of_parameter_tells_its_effect(text, name, status):
     whole = f"{text.replace('NAME', name)}\namcl: {{ros__parameters: {{max_beams: 60}}}}"
     (found,) = (each for each in findings(read(whole)) if each.path[-1] == name)
     assert found.status == status

@@ -51,7 +51,7 @@ def mppi(critics, text=""):
         ),
     ],
 )
-def test_several_checkers_of_which_the_tree_names_none_refuse_every_path(text, is_followed):
+def test_several_checkers_without_one_named_by_tree_refuse_every_path(text, is_followed):
     found = controller_server(text)
     assert found.parameters.controller_server.refusal == (0 if is_followed else 100)
     assert any("refuses each path" in consequence for _, consequence in found.reader.warnings.values()) != is_followed

@@ -247,7 +247,7 @@ def test_areas_see_nothing_where_their_only_source_is_off():
     assert found.parameters.collision_monitor.zones == ()
 
 
-def test_filter_that_is_listed_twice_counts_once():
+def test_filter_listed_twice_counts_once():
     own = "k: {plugin: 'nav2_costmap_2d::KeepoutFilter', filter_info_topic: /info}"
     text = f"global_costmap: {{global_costmap: {{ros__parameters: {{filters: [k, k], {own}}}}}}}"
     assert interpretation(parse(text)).parameters.global_costmap.keepout_filter.enabled

@@ -64,7 +64,7 @@ def test_locked_database_is_kept(database):
 
 
 @each_row("connection_url", ["postgresql+asyncpg://me@host/prefect", "sqlite+aiosqlite:///:memory:"])
-def test_database_that_is_not_a_file_is_ignored(connection_url):
+def test_database_without_file_is_ignored(connection_url):
     assert database_file(connection_url) is None
 
 
@@ -75,7 +75,7 @@ def objects_of(database):
     return {row[:3]: sorted(line.strip().rstrip(",") for line in (row[3] or "").splitlines()) for row in found}
 
 
-def test_shipped_schema_is_what_migrations_of_the_installed_prefect_make(tmp_path):
+def test_shipped_schema_equals_migrations_of_installed_prefect(tmp_path):
     assert make_database(tmp_path / "shipped" / "prefect.db")
     expected = objects_of(migrated(tmp_path))
     assert len(expected) > 100
