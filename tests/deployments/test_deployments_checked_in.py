@@ -89,7 +89,7 @@ def test_checked_in_deployments_match_command():
 def test_deployments_find_campaign_from_the_folder_of_their_file():
     for each in entries():
         (step,) = each["pull"]
-        folder = step[deployment.STEP]["directory"].replace("{{ $PWD }}", str(FOLDER)).replace(IMAGE_FOLDER, str(ROOT))
+        folder = step[deployment.STEP]["directory"].replace(IMAGE_FOLDER, str(ROOT)).replace("{{ $PWD }}", str(FOLDER))
         assert (Path(folder) / each["parameters"]["request"]["campaign"]).is_file()
 
 
