@@ -14,7 +14,7 @@ from table import each_row
 
 import vastflow
 from vastflow import plugins, surface
-from vastflow.oracles.judgement.registry import oracle_of
+from vastflow.oracles.judgment.registry import oracle_of
 from vastflow.tasks.keys.source import PLUG_IN, installed_tree
 
 ROOT = Path(__file__).parents[1]
@@ -223,7 +223,7 @@ def test_earlier_oracle_works_and_warns_at_its_own_lines(tmp_path):
     said = [(warning.filename, warning.lineno, str(warning.message)) for warning in raised]
     assert [(file, line) for file, line, _ in said] == [(str(tmp_path / "moved.py"), line) for line in (3, 4, 5, 6)]
     assert said[0][2] == (
-        "vastflow.oracles.oracle goes with the next version: it is vastflow.oracles.judgement.oracle now. "
+        "vastflow.oracles.oracle goes with the next version: it is vastflow.oracles.judgment.oracle now. "
         "Import from vastflow.plugins or vastflow, whose names stay."
     )
 
@@ -241,11 +241,11 @@ def test_command_shows_the_warning_about_an_earlier_name(tmp_path):
 
 
 def test_name_that_left_surface_still_works_and_warns(monkeypatch):
-    monkeypatch.setattr(surface, "MOVED", {"vastflow.plugins.Verdikt": ("vastflow.oracles.judgement.verdict.Verdict",)})
+    monkeypatch.setattr(surface, "MOVED", {"vastflow.plugins.Verdikt": ("vastflow.oracles.judgment.verdict.Verdict",)})
     with pytest.warns(DeprecationWarning, match=r"vastflow\.plugins\.Verdikt goes with the next version") as raised:
         from vastflow.plugins import Verdikt
     assert (Verdikt, raised[0].filename) == (plugins.Verdict, __file__)
-    assert list(surface.origins("vastflow.plugins.Verdikt")) == ["vastflow.oracles.judgement.verdict.Verdict"]
+    assert list(surface.origins("vastflow.plugins.Verdikt")) == ["vastflow.oracles.judgment.verdict.Verdict"]
 
 
 def modules_behind(folder, text):
@@ -257,8 +257,8 @@ def modules_behind(folder, text):
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.usefixtures("forgotten")
 def test_code_behind_an_oracle_is_the_same_however_it_imports(tmp_path):
-    deep = OLD_ORACLE.replace("oracles.oracle", "oracles.judgement.oracle").replace(
-        "oracles.verdict", "oracles.judgement.verdict"
+    deep = OLD_ORACLE.replace("oracles.oracle", "oracles.judgment.oracle").replace(
+        "oracles.verdict", "oracles.judgment.verdict"
     )
     deep = deep.replace("oracles.situation", "oracles.observation.situation").replace(
         "oracles.trace", "oracles.observation.trace"

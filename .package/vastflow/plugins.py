@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from vastflow.flows.export.format import ExportedFile as ExportedFile
     from vastflow.flows.export.format import Format as Format
     from vastflow.flows.export.run import ExportedRun as ExportedRun
-    from vastflow.oracles.judgement.conformance import check_oracle as check_oracle
-    from vastflow.oracles.judgement.oracle import Oracle as Oracle
-    from vastflow.oracles.judgement.oracle import OracleParameters as OracleParameters
-    from vastflow.oracles.judgement.registry import oracle_of as oracle_of
-    from vastflow.oracles.judgement.verdict import Metric as Metric
-    from vastflow.oracles.judgement.verdict import Verdict as Verdict
+    from vastflow.oracles.judgment.conformance import check_oracle as check_oracle
+    from vastflow.oracles.judgment.oracle import Oracle as Oracle
+    from vastflow.oracles.judgment.oracle import OracleParameters as OracleParameters
+    from vastflow.oracles.judgment.registry import oracle_of as oracle_of
+    from vastflow.oracles.judgment.verdict import Metric as Metric
+    from vastflow.oracles.judgment.verdict import Verdict as Verdict
     from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack as ObstacleTrack
     from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of as obstacle_tracks_of
     from vastflow.oracles.observation.situation import Situation as Situation

@@ -16,16 +16,16 @@ SURFACES: Final = {"vastflow": "__init__.py", "vastflow.plugins": "plugins.py"}
 """Modules whose names stay, to their files here. What a type checker imports in one is what it has."""
 
 MOVED: Final[Mapping[str, tuple[str, ...]]] = {
-    "vastflow.oracles.conformance": ("vastflow.oracles.judgement.conformance",),
+    "vastflow.oracles.conformance": ("vastflow.oracles.judgment.conformance",),
     "vastflow.oracles.evidence.rates": ("vastflow.oracles.statistics.intervals",),
     "vastflow.oracles.notebook.recorded_tables": ("vastflow.oracles.results.executed",),
-    "vastflow.oracles.oracle": ("vastflow.oracles.judgement.oracle", "vastflow.oracles.judgement.registry"),
+    "vastflow.oracles.oracle": ("vastflow.oracles.judgment.oracle", "vastflow.oracles.judgment.registry"),
     "vastflow.oracles.rates": ("vastflow.oracles.statistics.intervals",),
     "vastflow.oracles.recorded_tables": ("vastflow.oracles.results.executed",),
     "vastflow.oracles.results.recorded_tables": ("vastflow.oracles.results.executed",),
     "vastflow.oracles.situation": ("vastflow.oracles.observation.situation",),
     "vastflow.oracles.trace": ("vastflow.oracles.observation.trace",),
-    "vastflow.oracles.verdict": ("vastflow.oracles.judgement.verdict",),
+    "vastflow.oracles.verdict": ("vastflow.oracles.judgment.verdict",),
     "vastflow.producers.configuration": ("vastflow.producers.model.configuration",),
     "vastflow.producers.conformance": ("vastflow.producers.model.conformance",),
     "vastflow.producers.producer": ("vastflow.producers.model.producer",),

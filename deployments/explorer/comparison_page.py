@@ -18,7 +18,7 @@ from starlette.routing import BaseRoute, Route
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
 from vastflow.deployments.explorer.file_change import file_change
 from vastflow.deployments.explorer.pages import Pages, address
-from vastflow.oracles.results.tables import JUDGEMENTS, Tables, read_tables
+from vastflow.oracles.results.tables import JUDGMENTS, Tables, read_tables
 from vastflow.oracles.results.unusable import reading
 from vastflow.oracles.statistics.comparison import Change, RateDifference, Target
 from vastflow.sim.model.faults import UserError
@@ -119,7 +119,7 @@ def changed(found: "Compared", question: Question, changes: list[Change]) -> Ite
             # The baseline is A there, as it is here.
             candidate = {"with": match.after, "withrun": now, "withc": question.after.id}
             place = address("/run", c=question.before.id, configuration=match.before, run=then, **candidate)
-            words = [JUDGEMENTS.get(int(side[k]), "not judged") for side in (before, after)]
+            words = [JUDGMENTS.get(int(side[k]), "not judged") for side in (before, after)]
             runs.append({"run": now, "before": words[0], "after": words[1], "address": place})
         yield {"name": match.after, "was": match.before, "change": change, "runs": runs}
 

@@ -21,7 +21,7 @@ from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import signal_name, signals_of
 from vastflow.oracles.results.executed import KeptFiles, configuration_row, scenario_of_row
-from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, PASS
+from vastflow.oracles.results.tables import FAIL, JUDGMENTS, PASS
 from vastflow.oracles.results.unusable import DAMAGE, reading
 from vastflow.oracles.statistics.intervals import Counts
 from vastflow.sim.model.blocks import read_block, read_rows
@@ -82,7 +82,7 @@ def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
     for at in own:
         run = int(table.run_index[at])
         values = {name: table.value(name, at) for name in names}
-        runs.append({"run": run, "verdict": JUDGEMENTS[int(table.verdict[at])], "recorded": run in rows, **values})
+        runs.append({"run": run, "verdict": JUDGMENTS[int(table.verdict[at])], "recorded": run in rows, **values})
         found = rows.get(run, {}).get("events", [])
         events += [{"run": run, **each} for each in event_rows(Event(**each) for each in found)]
     counts = Chosen(table, np.ones(len(table), dtype=np.bool_)).counts

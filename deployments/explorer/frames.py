@@ -15,7 +15,7 @@ from pydantic import TypeAdapter
 
 from vastflow.deployments.explorer.packed import packed
 from vastflow.oracles.figures.scene import known_cells, known_extent_m, zones_of
-from vastflow.oracles.judgement.verdict import Metric, run_judgement
+from vastflow.oracles.judgment.verdict import Metric, run_judgment
 from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, trace_of
@@ -129,7 +129,7 @@ def facts_of(run: StoredRun, asked: str) -> dict[str, Any]:
         "configuration": asked,
         "executed": run.configuration,
         "run": run.run_index,
-        "judgement": run_judgement([verdict["judgement"] for verdict in run.verdicts]),
+        "judgment": run_judgment([verdict["judgment"] for verdict in run.verdicts]),
         "verdicts": [{**verdict, "metrics": json.loads(verdict["metrics"])} for verdict in run.verdicts],
         "sentence": "",
         "tick_s": TICK_S,

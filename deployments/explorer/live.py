@@ -70,14 +70,14 @@ class LiveCampaign:
 
     def _judged(self, event: Event) -> None:
         values = event.values
-        judgement = str(values["judgement"])
+        judgment = str(values["judgment"])
         for run in values["runs"]:
-            self._recent.append(_LETTERS.get(judgement, "n"))
+            self._recent.append(_LETTERS.get(judgment, "n"))
             key = (str(values["configuration"]), int(run))
-            self._lost.pop(key, None)  # a run that is judged again has the later judgement
-            if judgement != "pass":
+            self._lost.pop(key, None)  # a run that is judged again has the later judgment
+            if judgment != "pass":
                 reason = str(values["reason"] or "")
-                told = {"judgement": judgement, "reason": reason, "at": event.at.isoformat(timespec="seconds")}
+                told = {"judgment": judgment, "reason": reason, "at": event.at.isoformat(timespec="seconds")}
                 self._lost[key] = {"configuration": key[0], "run": key[1], **told}
 
     def state(self, now_s: float) -> dict[str, Any]:

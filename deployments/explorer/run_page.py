@@ -21,7 +21,7 @@ from vastflow.deployments.explorer.pages import ARRAYS, Pages, name_of, number_o
 from vastflow.flows.results.trust import NotPermitted
 from vastflow.oracles.results.executed import configuration_row
 from vastflow.oracles.results.schema import table_rows
-from vastflow.oracles.results.tables import FAIL, JUDGEMENTS, read_verdicts
+from vastflow.oracles.results.tables import FAIL, JUDGMENTS, read_verdicts
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.tasks.engine.executor import Priority, WorkerDied
 from vastflow.tasks.engine.pool import Pool
@@ -131,7 +131,7 @@ def _close(pools: list[Pool]) -> None:
 
 
 def around_run(directory: Path, configuration: str, run_index: int) -> Mapping[str, Any]:
-    """Return the judgements of a configuration's runs, and the places of the failed runs before and after one of them.
+    """Return the judgments of a configuration's runs, and the places of the failed runs before and after one of them.
 
     Raises:
         UnusableDirectory: a missing or damaged table.
@@ -140,7 +140,7 @@ def around_run(directory: Path, configuration: str, run_index: int) -> Mapping[s
         names = [row["name"] for row in table_rows(directory / "configurations.parquet", "name")]
         verdicts = read_verdicts(directory, names)
         own, said = verdicts.rows_of(names.index(configuration)), verdicts.together
-        runs = dict(zip(verdicts.run_index[own].tolist(), map(JUDGEMENTS.get, said[own].tolist()), strict=True))
+        runs = dict(zip(verdicts.run_index[own].tolist(), map(JUDGMENTS.get, said[own].tolist()), strict=True))
         here = own.start + [*runs].index(run_index)
     failed = np.flatnonzero(said == FAIL)
     ends = {"before": failed[failed < here][-1:], "after": failed[failed > here][:1]}

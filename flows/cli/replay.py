@@ -196,7 +196,7 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
         title=title,
         subtitle=f"{metadata['name']}, {metadata['created'].replace('T', ' ')}{equal}",
         run=replayed.recording.run,
-        judgement="not judged" if difference else recorded.judgement,
+        judgment="not judged" if difference else recorded.judgment,
         warning="" if difference is None else str(difference),
         occupancy=world.walls,
         moments=replayed.moments,

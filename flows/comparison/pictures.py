@@ -12,12 +12,12 @@ from vastflow.oracles.figures.case_figure import Case, case_of, pair_figure
 from vastflow.oracles.figures.scene import read_walks
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.results.executed import KeptFiles
-from vastflow.oracles.results.tables import JUDGEMENTS, Tables
+from vastflow.oracles.results.tables import JUDGMENTS, Tables
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vastflow.oracles.judgement.verdict import Judgement
+    from vastflow.oracles.judgment.verdict import Judgment
 
 
 def draw(found: Compared, most: int, folder: Path) -> tuple[dict[str, Path], dict[str, list[str]]]:
@@ -59,8 +59,8 @@ def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong:
     if (walks := read_walks(tables.directory, name)) is None:
         raise ValueError(f"{tables.directory} has no recording of it")
     shown = [run for run in range(len(walks.run_index)) if int(walks.run_index[run]) in judged]
-    paths: Sequence[tuple[Judgement, NDArray[Any]]] = [
-        (JUDGEMENTS.get(judged[int(walks.run_index[run])], "not judged"), walks.line(run)) for run in shown
+    paths: Sequence[tuple[Judgment, NDArray[Any]]] = [
+        (JUDGMENTS.get(judged[int(walks.run_index[run])], "not judged"), walks.line(run)) for run in shown
     ]
     indices = [int(walks.run_index[run]) for run in shown]
     chosen = indices.index(strong) if strong in indices else None

@@ -54,8 +54,8 @@ def sample_campaigns() -> tuple[ExportedCampaign, ...]:
     """Return an empty campaign, and one with runs of all kinds, a duplicate, and texts that XML lacks."""
     log = RunLog(1_700_000_000.0, 0.5, 0.4, 4096, ("0.1 s: \x00 begun",))
     metrics = {"time": {"value": 7.5, "unit": "s"}}
-    verdict = _row(VERDICTS, oracle="success", judgement="pass", metrics=metrics)
-    failed = _row(VERDICTS, oracle="näh<e>", judgement="fail", reason='a "box"\n& a wall', metrics={})
+    verdict = _row(VERDICTS, oracle="success", judgment="pass", metrics=metrics)
+    failed = _row(VERDICTS, oracle="näh<e>", judgment="fail", reason='a "box"\n& a wall', metrics={})
     run = partial(ExportedRun, "sample", host={"host": {"name": "bench"}, "versions": {}, "pid": 1})
     row = _row(JUDGED_RUNS, simulated_s=7.5, outcome="succeeded", distance_m=5.0)
     columns = {name: np.array([0, 5, 10], dtype=np.int32) for name in ("t_ms", "x_mm", "y_mm", "yaw_mrad")}

@@ -14,7 +14,7 @@ import pyarrow.csv
 
 from vastflow.flows.export.junit import Case, Flaw, FlawKind, Suite, suite_report
 from vastflow.flows.results.rows import FAULT
-from vastflow.oracles.judgement.verdict import run_judgement
+from vastflow.oracles.judgment.verdict import run_judgment
 from vastflow.oracles.observation.trace import signal_name
 from vastflow.sim.model.blocks import Columns as Recorded
 from vastflow.sim.model.recording import Columns, RunLog, Use
@@ -142,7 +142,7 @@ def _properties(run: ExportedRun) -> Iterator[tuple[str, str]]:
         if row.get(name) not in (None, ""):
             yield name, str(row[name])
     for verdict in run.verdicts:
-        yield verdict["oracle"], verdict["judgement"]
+        yield verdict["oracle"], verdict["judgment"]
         for metric, measured in verdict["metrics"].items():
             if measured["value"] is not None:
                 unit = "" if measured["unit"] == "1" else f" ({measured['unit']})"
@@ -151,10 +151,10 @@ def _properties(run: ExportedRun) -> Iterator[tuple[str, str]]:
 
 def flaw_of(verdicts: Sequence[Mapping[str, Any]]) -> FlawKind | None:
     """Return what keeps a run with these verdicts from passing, None if nothing does."""
-    judgement = run_judgement(verdict["judgement"] for verdict in verdicts)
-    if judgement != "not judged":
-        return None if judgement == "pass" else "failure"
-    reasons = [verdict["reason"] for verdict in verdicts if verdict["judgement"] == judgement]
+    judgment = run_judgment(verdict["judgment"] for verdict in verdicts)
+    if judgment != "not judged":
+        return None if judgment == "pass" else "failure"
+    reasons = [verdict["reason"] for verdict in verdicts if verdict["judgment"] == judgment]
     return "error" if not reasons or any(reason.startswith(FAULT) for reason in reasons) else "skipped"
 
 
@@ -162,10 +162,10 @@ def _flaw(run: ExportedRun) -> Flaw | None:
     kind = flaw_of(run.verdicts)
     if kind is None:
         return None
-    judgement = run_judgement(verdict["judgement"] for verdict in run.verdicts)
-    against = [verdict for verdict in run.verdicts if verdict["judgement"] == judgement]
+    judgment = run_judgment(verdict["judgment"] for verdict in run.verdicts)
+    against = [verdict for verdict in run.verdicts if verdict["judgment"] == judgment]
     message = "; ".join(f"{verdict['oracle']}: {verdict['reason']}" for verdict in against)
-    told = [[each["oracle"], each["judgement"], *filter(None, [each["reason"]])] for each in run.verdicts]
+    told = [[each["oracle"], each["judgment"], *filter(None, [each["reason"]])] for each in run.verdicts]
     text = "\n".join([*map(": ".join, told), *_final_tree(run)])
     if kind == "skipped":
         message = f"not judged by {message}"

@@ -13,7 +13,7 @@ import yaml
 from vastflow.flows.minimization.failing import Failing
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import Inputs, copy_permitted, inputs_of
-from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgment.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.scenario import abstract_scenario_of
 from vastflow.producers.campaign_file.scenario_values import dimension_of

@@ -103,7 +103,7 @@ def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float)
     rows = table.filter(pc.equal(table.column("configuration"), name)).to_pylist()
     said: dict[str, list[str]] = {}
     for row in rows:
-        said.setdefault(row["oracle"], []).append(row["judgement"])
+        said.setdefault(row["oracle"], []).append(row["judgment"])
     if oracle is not None and oracle not in said:
         hint = did_you_mean(oracle, list(said))
         raise NotMinimized(f"--oracle: {message_of(f'no oracle {oracle!r} judged {name}', hint)}")
@@ -112,7 +112,7 @@ def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float)
     worst = max(rates, key=lambda each: rates[each], default="")
     if rates.get(worst, -1.0) >= rate:
         return worst
-    lacking = [row["reason"] for row in rows if row["judgement"] == "not judged" and oracle in (None, row["oracle"])]
+    lacking = [row["reason"] for row in rows if row["judgment"] == "not judged" and oracle in (None, row["oracle"])]
     if not rates or any(why.startswith(FAULT) for why in lacking):
         why = next((why for why in lacking if why.startswith(FAULT)), "")
         broke = f"runs of {name} broke: {why}" if why else f"no run of {name} is judged: {(*lacking, 'it has none')[0]}"

@@ -23,7 +23,7 @@ from vastflow.flows.run.computing import Computing, computing, told
 from vastflow.flows.search.progress import PointRuns
 from vastflow.oracles.figures.case_figure import plan_view_figure
 from vastflow.oracles.figures.style import png
-from vastflow.oracles.judgement.verdict import read_verdicts
+from vastflow.oracles.judgment.verdict import read_verdicts
 from vastflow.oracles.statistics.classes import ClassBounds, StoppingRule
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import (
@@ -67,9 +67,9 @@ class FailureTest(Stopping):
         return 1.0 - self.rule.bounds.systematic
 
     def judged(self, index: Index, verdicts: Artifact) -> Mapping[int, str]:
-        """Return the oracle's judgement by run index; raises `Lost` if the verdicts are damaged."""
+        """Return the oracle's judgment by run index; raises `Lost` if the verdicts are damaged."""
         found = read_verdicts(index.store.load(verdicts, VERDICTS))
-        return {each.run_index: each.judgement for each in found if each.oracle == self.oracle}
+        return {each.run_index: each.judgment for each in found if each.oracle == self.oracle}
 
     def standing(self, failed: int, judged: int) -> Standing:
         """Return the decision after so many runs."""

@@ -26,7 +26,7 @@ from vastflow.oracles.results.coverage import (
     pairs,
     pairs_not_listed,
     parts,
-    unrealisable,
+    unrealizable,
 )
 
 MOST_LOSSES: Final = 20
@@ -141,7 +141,7 @@ def coverage_text(coverage: Coverage, *, details: bool = True) -> Iterator[Rende
         whole.add_row(name, *(f"{n:,}" for n in counts(part)), share_text(part["share"]), design)
     yield whole
     yield from _lost("excluded by constraints", list(excluded(coverage)))
-    yield from _lost("unrealisable", list(unrealisable(coverage)))
+    yield from _lost("unrealizable", list(unrealizable(coverage)))
     if not details:
         return
     yield ""

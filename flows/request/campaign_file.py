@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from vastflow.oracles.judgement.oracle import Oracle
-from vastflow.oracles.judgement.registry import OracleError, oracle_of, oracles_of
+from vastflow.oracles.judgment.oracle import Oracle
+from vastflow.oracles.judgment.registry import OracleError, oracle_of, oracles_of
 from vastflow.producers.campaign import Campaign, OracleRequest, load_campaign, oracle_requests
 from vastflow.producers.campaign_file.document import Document, read_document
 from vastflow.producers.campaign_file.spec import EvaluationSpec

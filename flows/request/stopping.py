@@ -1,4 +1,4 @@
-"""Sequential stopping: the next number of runs of a configuration, from the judgements of its first runs."""
+"""Sequential stopping: the next number of runs of a configuration, from the judgments of its first runs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from typing import Any
 from vastflow.oracles.statistics.classes import ClassBounds, StoppingRule
 from vastflow.oracles.statistics.looks import Looks
 from vastflow.producers.campaign_file.sections import Sequential
-from vastflow.tasks.engine.engine import judgements
+from vastflow.tasks.engine.engine import judgments
 from vastflow.tasks.engine.index import ConfigurationRuns, Index
 from vastflow.tasks.store.artifact import Stored
 from vastflow.tasks.store.store import Artifact
@@ -30,7 +30,7 @@ class Stopping(Looks):
         }
 
     def stored(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
-        """Return a configuration with its wanted runs by stored judgements, and its stored blocks."""
+        """Return a configuration with its wanted runs by stored judgments, and its stored blocks."""
         there = index.stored(replace(configuration, runs=self.most))
         known = {
             run: said for each in there if each.verdicts for run, said in self.judged(index, each.verdicts).items()
@@ -39,8 +39,8 @@ class Stopping(Looks):
         return wanted, [each for each in there if each.block.start < wanted.runs]
 
     def judged(self, index: Index, verdicts: Artifact) -> Mapping[int, str]:
-        """Run index to the judgement that counts: what all oracles together say."""
-        return judgements(verdicts)
+        """Run index to the judgment that counts: what all oracles together say."""
+        return judgments(verdicts)
 
 
 def stopping_of(sequential: Sequential) -> Stopping:

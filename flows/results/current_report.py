@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.inputs import Inputs
-from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgment.oracle import Oracle
 from vastflow.sim.model.digest import file_digest
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.keys.keys import Keys

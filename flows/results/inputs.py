@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.run_request import Asked
-from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgment.oracle import Oracle
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.postprocessing import steps_of

@@ -69,7 +69,7 @@ def lineage_of(directory: Path, configuration: str, run_index: int, store: Store
             verdicts_key = keys.verdicts(checked, recording.content, trace.content)
         oracles = {each["name"]: each for each in metadata["oracles"]}
         said = [
-            {key: verdict[key] for key in ("oracle", "judgement", "reason")} | _plug_in(oracles[verdict["oracle"]])
+            {key: verdict[key] for key in ("oracle", "judgment", "reason")} | _plug_in(oracles[verdict["oracle"]])
             for verdict in verdicts
         ]
         runs = rows_of(directory / "runs.parquet", "configuration", name).to_pylist()
@@ -147,7 +147,7 @@ def _words(step: LineageStep) -> Iterator[str]:
     facts = step.facts
     if step.step == "judge":
         for each in facts["oracles"]:
-            said = f"{each['oracle']}: {each['judgement']}"
+            said = f"{each['oracle']}: {each['judgment']}"
             yield f"{said}{', ' + each['reason'] if each['reason'] else ''} ({_of(each)})"
     if step.step == "execute":
         ended = f"{facts['outcome']} after {facts['simulated_s']:g} s" if "outcome" in facts else "not recorded"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, get_args
 
-from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgment.oracle import Oracle
 from vastflow.oracles.results.schema import plain
 from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.faults import shown

@@ -14,7 +14,7 @@ from typing import Final
 import pyarrow as pa
 
 from vastflow.flows.results.current_report import source_digest
-from vastflow.oracles.judgement.verdict import Judgement, Verdict, metrics_text, read_verdicts, run_judgement
+from vastflow.oracles.judgment.verdict import Judgment, Verdict, metrics_text, read_verdicts, run_judgment
 from vastflow.oracles.observation.trace import levelled
 from vastflow.oracles.results.schema import (
     CONFIGURATION,
@@ -99,7 +99,7 @@ class StoredResult:
 
     @property
     def causes(self) -> Mapping[int, str]:
-        """Run index to the cause of its failure, see `vastflow.oracles.judgement.cause`."""
+        """Run index to the cause of its failure, see `vastflow.oracles.judgment.cause`."""
         judged = (each.verdicts for each in self._stored if each.verdicts)
         return {int(run): str(cause) for verdicts in judged for run, cause in verdicts.info["causes"]}
 
@@ -173,7 +173,7 @@ def verdict_columns(configuration: Configuration, verdicts: Sequence[Verdict]) -
     return {
         "configuration": [configuration.name] * len(verdicts),
         "family": [configuration.family] * len(verdicts),
-        **{name: [getattr(each, name) for each in verdicts] for name in ("run_index", "oracle", "judgement", "reason")},
+        **{name: [getattr(each, name) for each in verdicts] for name in ("run_index", "oracle", "judgment", "reason")},
         "metrics": [metrics_text(verdict.metrics) for verdict in verdicts],
     }
 
@@ -192,7 +192,7 @@ class Rows:
     verdicts: pa.Table
     behaviors: pa.Table | None
     logs: bytes
-    counted: Mapping[tuple[str | None, Judgement], int]
+    counted: Mapping[tuple[str | None, Judgment], int]
     stood_still: int
     faults: Sequence[RunFault] = ()
 
@@ -203,7 +203,7 @@ def rows_of(
     """Make the rows of the first `runs` runs of each configuration; few results are in memory at a time."""
     run_parts, verdict_parts, behaviors = [], [], []
     logs: list[bytes] = []
-    counted: Counter[tuple[str | None, Judgement]] = Counter()
+    counted: Counter[tuple[str | None, Judgment]] = Counter()
     faults: list[RunFault] = []
     stood_still = 0
     for configuration, found in results:
@@ -214,9 +214,9 @@ def rows_of(
         columns = {**run_columns(configuration, wanted), "cause": [causes.get(row["run_index"]) for row in wanted]}
         stood_still += sum(cause is not None for cause in columns["stood_still"])
         verdicts = complete(found, wanted_runs, oracles)  # run by run
-        counted.update((verdict.oracle, verdict.judgement) for verdict in verdicts)
+        counted.update((verdict.oracle, verdict.judgment) for verdict in verdicts)
         for first in range(0, len(verdicts), len(oracles)):
-            together = run_judgement(each.judgement for each in verdicts[first : first + len(oracles)])
+            together = run_judgment(each.judgment for each in verdicts[first : first + len(oracles)])
             counted[None, together] += 1
         run_parts.append(columns)
         verdict_parts.append(verdict_columns(configuration, verdicts))
@@ -308,7 +308,7 @@ class KeptRows:
             return None
         options = pa.ipc.IpcReadOptions(use_threads=False)  # to wake them takes longer than to read
         tables = {name: pa.ipc.open_stream(content, options=options).read_all() for name, content in files.items()}
-        counted = {(oracle, judgement): count for oracle, judgement, count in artifact.info["counted"]}
+        counted = {(oracle, judgment): count for oracle, judgment, count in artifact.info["counted"]}
         stood_still = artifact.info["stood_still"]
         return Rows(tables[_RUNS], tables[_VERDICTS], tables.get(BEHAVIORS), logs, counted, stood_still)
 
@@ -317,7 +317,7 @@ class KeptRows:
         files = {_RUNS: _stream(rows.runs), _VERDICTS: _stream(rows.verdicts)}
         if rows.behaviors is not None:
             files[BEHAVIORS] = _stream(rows.behaviors)
-        counted = [[oracle, judgement, count] for (oracle, judgement), count in rows.counted.items()]
+        counted = [[oracle, judgment, count] for (oracle, judgment), count in rows.counted.items()]
         # Times and hosts of runs follow from no key, so they are beside the artifact, with their own digest.
         logs = entry_of(rows.logs).sha256.encode() + b"\n" + rows.logs
         self._store.put(key, files, {"counted": counted, "stood_still": rows.stood_still}, {_LOGS: logs})

@@ -44,7 +44,7 @@ class Summary:
         executed, reused, simulated_s, cpu_s, wall_s: See `Work`.
         passed, failed, not_judged: Runs. A run passes when every oracle passes and fails when one fails.
         results: The campaign directory.
-        oracles: Name of an oracle to its judgements; the mission's own outcome is `success`.
+        oracles: Name of an oracle to its judgments; the mission's own outcome is `success`.
         excluded: Instances that constraints exclude.
         excluded_by: Family to how many instances each constraint excludes.
         stood_still: Failed runs whose robot was sent and never moved.

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vastflow.flows.results.rows import Rows
-from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.results.schema import (
     BEHAVIORS_FILE,
     CONFIGURATIONS,
@@ -94,7 +94,7 @@ class RunTables:
         self.stood_still = 0
         self.faults: list[RunFault] = []
         self._place = place
-        self._counted: Counter[tuple[str | None, Judgement]] = Counter()
+        self._counted: Counter[tuple[str | None, Judgment]] = Counter()
         self._behaviors: list[pa.Table] = []
         self._open = ExitStack()
         self._run_rows = self._open.enter_context(TableWriter(place / "runs.parquet", JUDGED_RUNS))
@@ -114,7 +114,7 @@ class RunTables:
 
     def counts(self, oracle: str | None = None) -> Counts:
         """Count the added runs by what one oracle says, or all together."""
-        return Counts(*(self._counted[oracle, judgement] for judgement in ("pass", "fail", "not judged")))
+        return Counts(*(self._counted[oracle, judgment] for judgment in ("pass", "fail", "not judged")))
 
     def add(self, rows: Rows) -> None:
         """Add the rows of a part; call in order of configurations."""

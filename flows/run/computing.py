@@ -14,7 +14,7 @@ from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.summary import Work
-from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgment.oracle import Oracle
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.engine import process
 from vastflow.tasks.engine.engine import Engine, RunsWanted

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.stopping import Stopping
-from vastflow.oracles.judgement.verdict import RunQuantity, Verdict, read_verdicts
+from vastflow.oracles.judgment.verdict import RunQuantity, Verdict, read_verdicts
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.search import SearchSpec
 from vastflow.producers.instantiation.instantiate import Family, Instantiation
@@ -45,9 +45,9 @@ class PointRuns:
         """Maximum number of runs of a point."""
         return self.runs + (self.confirm if self.confirmed else 0)
 
-    def wanted(self, judgements: Mapping[int, str]) -> int:
-        """Return the number of runs of a point with these judgements."""
-        return self.runs if self.rule is None else self.rule.wanted(judgements)
+    def wanted(self, judgments: Mapping[int, str]) -> int:
+        """Return the number of runs of a point with these judgments."""
+        return self.runs if self.rule is None else self.rule.wanted(judgments)
 
     def stored(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
         """Return the configuration with the runs that it needs now, and their stored blocks."""

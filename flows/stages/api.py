@@ -15,8 +15,8 @@ from vastflow.flows.request.stopping import Stopping, stopping_of
 from vastflow.flows.run.computing import computing, told
 from vastflow.flows.run.judged import Judged, computed
 from vastflow.flows.stages.values import Configurations, Recordings, StageResult, Traces, Verdicts
-from vastflow.oracles.judgement.oracle import Oracle
-from vastflow.oracles.judgement.registry import OracleError, oracle_of, oracles_of
+from vastflow.oracles.judgment.oracle import Oracle
+from vastflow.oracles.judgment.registry import OracleError, oracle_of, oracles_of
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.index import FoundRuns

@@ -13,7 +13,7 @@ from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.results.rows import StoredResult, complete, run_columns, verdict_columns
 from vastflow.flows.results.tables import configuration_row
 from vastflow.flows.terminal.progress import count_text
-from vastflow.oracles.judgement.verdict import Verdict, run_judgement
+from vastflow.oracles.judgment.verdict import Verdict, run_judgment
 from vastflow.oracles.results.schema import CONFIGURATIONS, RUNS, VERDICTS, Columns, column_table
 from vastflow.oracles.statistics.intervals import Counts, counts_of
 from vastflow.producers.instantiation.instantiate import Instantiation
@@ -325,7 +325,7 @@ class Verdicts(StageResult):
         for name in self.blocks:
             said = [each for each in self.of(name) if oracle in (None, each.oracle)]
             runs = groupby(said, lambda verdict: verdict.run_index)
-            counts[name] = counts_of(run_judgement(each.judgement for each in run) for _, run in runs)
+            counts[name] = counts_of(run_judgment(each.judgment for each in run) for _, run in runs)
         return counts
 
     def table(self) -> pa.Table:

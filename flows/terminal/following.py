@@ -86,8 +86,8 @@ def lines_of(event: Event) -> Iterator[str]:
             yield str(values["text"])
         case "fault":
             yield f"fault: {fault_text(values)}"
-        case "verdicts" if values["judgement"] != "pass":
-            said = {"fail": "failed"}.get(values["judgement"], values["judgement"])
+        case "verdicts" if values["judgment"] != "pass":
+            said = {"fail": "failed"}.get(values["judgment"], values["judgment"])
             reason = f": {values['reason']}" if values["reason"] else ""
             yield f"{values['configuration']} {runs_text(values['runs'])} {said}{reason}"
 

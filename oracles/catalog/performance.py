@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
-from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import NoReference, Trace
 from vastflow.sim.model.elementary import hypots

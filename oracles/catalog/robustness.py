@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from vastflow.oracles.catalog.performance import arc_lengths_m
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
-from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Trace
 

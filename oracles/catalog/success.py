@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import ClassVar
 
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
-from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.oracles.observation.goals import missed_goals
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Trace

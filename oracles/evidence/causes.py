@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.judgement.cause import CAUSES, Cause
+from vastflow.oracles.judgment.cause import CAUSES, Cause
 from vastflow.oracles.results.schema import codes, integers
 from vastflow.oracles.results.tables import FAIL, PASS, Tables
 from vastflow.oracles.statistics.intervals import Floats

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.varied import chosen_rows, chosen_values, matched_sets, path_property_rows
-from vastflow.oracles.judgement.registry import SUCCESS
+from vastflow.oracles.judgment.registry import SUCCESS
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import FAIL, PASS, ConfigurationTable, Tables
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis

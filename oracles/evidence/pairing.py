@@ -41,7 +41,7 @@ class Pairing:
         block: (M,) unit of each match, see `Units`.
         configuration: (P,) index into `matches`.
         run_before, run_after: (P,) run index.
-        said_before, said_after: (P, oracles) codes of judgements.
+        said_before, said_after: (P, oracles) codes of judgments.
     """
 
     matches: tuple[Match, ...]
@@ -60,7 +60,7 @@ class Pairing:
     said_after: NDArray[np.int8] = field(repr=False)
 
     def judged(self, oracle: str | None) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
-        """Judgements (P,) before and after, by one oracle or by all of them together."""
+        """Judgments (P,) before and after, by one oracle or by all of them together."""
         if oracle is None:
             return together(self.said_before), together(self.said_after)
         k = self.oracles.index(oracle)
@@ -109,7 +109,7 @@ def pairing_of(before: Tables, after: Tables) -> Pairing:
     oracles = tuple(name for name in after.oracles if name in before.oracles)
     then, now = _runs(before, [match.before for match in matches]), _runs(after, [match.after for match in matches])
     said_before, said_after = (
-        tables.verdicts.judgements[:, [tables.oracles.index(name) for name in oracles]] for tables in (before, after)
+        tables.verdicts.judgments[:, [tables.oracles.index(name) for name in oracles]] for tables in (before, after)
     )
     common = then.merge(now, on=["match", "seed"], suffixes=("_before", "_after"))
     sides = ((then, now, common["run_index_before"]), (now, then, common["run_index_after"]))

@@ -27,7 +27,7 @@ _NUMBERS: Final = ("simulated_s", "distance_m", "recoveries", "missed_goals", "c
 def wide_table(tables: Tables) -> pd.DataFrame:
     """One row for each run, judged or not, in the order of configurations.
 
-    `passed` is the joint judgement and `passed.<oracle>` that of one oracle: true, false, or missing where unjudged. Metrics are
+    `passed` is the joint judgment and `passed.<oracle>` that of one oracle: true, false, or missing where unjudged. Metrics are
     `<oracle>.<metric> (<unit>)`. Where runs ended by a rule, `weight` is that of each run in its configuration's unbiased rate; of a search,
     `purpose` parts the runs that confirm the best point from those that found it. Factors have the names of the campaign file, with `factor.` before names that are taken; those
     that are not all numbers are text.

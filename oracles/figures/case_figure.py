@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vastflow.oracles.figures import maps
 from vastflow.oracles.figures.scene import NO_ZONES, Zones, zones_of
 from vastflow.oracles.figures.style import COLORS, DPI, INK, OBSTACLE_COLOR, OBSTACLE_EDGE, WORDS, place
-from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.observation.situation import Situation, situation_of
 from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
 from vastflow.oracles.results.tables import Tables
@@ -34,7 +34,7 @@ _PANEL_IN: Final = 5.0
 _LEGEND_IN: Final = 0.6
 _TITLE_IN: Final = 0.62
 _GAP_IN: Final = 0.12
-_JUDGEMENTS: Final[tuple[Judgement, ...]] = ("pass", "not judged", "fail")
+_JUDGMENTS: Final[tuple[Judgment, ...]] = ("pass", "not judged", "fail")
 CROSS: Final[dict[str, Any]] = {"marker": "X", "ms": 8, "color": COLORS["fail"], "mec": "white", "mew": 0.9, "ls": ""}
 _DASHES: Final = (0, (4, 3))
 _PLAN_TITLE_IN: Final = 0.36
@@ -46,7 +46,7 @@ class Case:
     """The runs of a configuration in one campaign.
 
     Attributes:
-        paths: True trajectories (N, 2) by judgement, of which `chosen` is drawn strong.
+        paths: True trajectories (N, 2) by judgment, of which `chosen` is drawn strong.
         estimate_xy_m: (N, 2) an estimated path, dashed.
         route_xy_m: (N, 2) the way, which is in sight in all figures, and drawn in a plan view.
     """
@@ -55,7 +55,7 @@ class Case:
     world: World
     situation: Situation
     obstacles: Sequence[Obstacle]
-    paths: Sequence[tuple[Judgement, Floats]] = field(repr=False)
+    paths: Sequence[tuple[Judgment, Floats]] = field(repr=False)
     chosen: int | None = None
     zones: Zones = NO_ZONES
     estimate_xy_m: Floats | None = None
@@ -124,9 +124,9 @@ def pair_figure(title: str, sides: tuple[Case, Case]) -> Figure:
         _look_at(axes, low, high, (1.0, height_in / _PANEL_IN))
     said = {said for side in sides for said, _ in side.paths}
     handles: list[Any] = [
-        Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=WORDS[judgement])
-        for judgement in _JUDGEMENTS
-        if judgement in said
+        Line2D([], [], color=COLORS[judgment], linewidth=2.5, label=WORDS[judgment])
+        for judgment in _JUDGMENTS
+        if judgment in said
     ]
     handles += [Line2D([], [], label="where it failed", **CROSS)] if "fail" in said else []
     before, after = (side.zones for side in sides)
@@ -143,9 +143,9 @@ def _draw(axes: Axes, case: Case, alpha: Callable[[int], float | None]) -> list[
         maps.draw_walls(axes, case.world.walls)
     axes.set(xticks=[], yticks=[])
     maps.draw_obstacles(axes, case.obstacles, alpha=0.7)
-    for judgement in _JUDGEMENTS:
-        lines = [line for k, (said, line) in enumerate(case.paths) if said == judgement and k != case.chosen]
-        maps.draw_lines(axes, lines, COLORS[judgement], alpha=alpha(len(lines)))
+    for judgment in _JUDGMENTS:
+        lines = [line for k, (said, line) in enumerate(case.paths) if said == judgment and k != case.chosen]
+        maps.draw_lines(axes, lines, COLORS[judgment], alpha=alpha(len(lines)))
     if case.chosen is not None:
         said, line = case.paths[case.chosen]
         maps.draw_lines(axes, [line], COLORS[said], alpha=1.0, width=2.6)

@@ -17,7 +17,7 @@ from PIL import Image
 
 from vastflow.oracles.figures import style
 from vastflow.oracles.figures.scene import NO_ZONES, Scene, Zones, known_cells, known_extent_m
-from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.results.tables import CODES
 from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, FailureGrid, grid_over
 from vastflow.sim.model.obstacle import Obstacle
@@ -202,18 +202,18 @@ def final_poses_figure(scene: Scene) -> Figure:
     return figure
 
 
-def paths_figure(scene: Scene, judgement: Judgement) -> Figure:
+def paths_figure(scene: Scene, judgment: Judgment) -> Figure:
     """The true trajectories of failed or of passed runs, from circle to cross, with the obstacles."""
     zones = zone_handles(scene.zones)
     rows = 2 if zones else 1
     figure, axes = map_figure(scene.occupancy, legend_rows=rows, width_in=_HALF_IN, dpi=_HALF_DPI, zones=scene.zones)
     drawn = min(len(scene.obstacles), MAX_OBSTACLES)
     draw_obstacles(axes, scene.obstacles[:drawn], alpha=0.45 if drawn < 40 else 0.2)
-    draw_paths(axes, scene, judgement)
-    lines = scene.lines[CODES[judgement]]
-    whole = {"pass": scene.runs.passed, "fail": scene.runs.failed, "not judged": scene.runs.not_judged}[judgement]
-    label = f"{style.WORDS[judgement]} ({len(lines)}{'' if len(lines) == whole else f' of {whole:,}'})"
-    handles: list[Any] = [Line2D([], [], color=style.COLORS[judgement], linewidth=2.5, label=label)]
+    draw_paths(axes, scene, judgment)
+    lines = scene.lines[CODES[judgment]]
+    whole = {"pass": scene.runs.passed, "fail": scene.runs.failed, "not judged": scene.runs.not_judged}[judgment]
+    label = f"{style.WORDS[judgment]} ({len(lines)}{'' if len(lines) == whole else f' of {whole:,}'})"
+    handles: list[Any] = [Line2D([], [], color=style.COLORS[judgment], linewidth=2.5, label=label)]
     if len(lines) <= MAX_CROSSES:
         handles += draw_ends(axes, scene.starts_xy_m, scene.goals_xy_m)
     legend(figure, [*handles, *obstacle_handle(drawn), *zones])
@@ -280,10 +280,10 @@ def draw_final_poses(axes: Axes, scene: Scene) -> float:
     return greatest
 
 
-def draw_paths(axes: Axes, scene: Scene, judgement: Judgement, scale: float = 1.0) -> None:
+def draw_paths(axes: Axes, scene: Scene, judgment: Judgment, scale: float = 1.0) -> None:
     """Draw paths from circle to cross, with lines and marks scaled by `scale`."""
-    lines = scene.lines[CODES[judgement]]
-    draw_lines(axes, lines, style.COLORS[judgement], width=1.3 * scale)
+    lines = scene.lines[CODES[judgment]]
+    draw_lines(axes, lines, style.COLORS[judgment], width=1.3 * scale)
     if lines:
         look: dict[str, Any] = {"linestyle": "none", "alpha": 0.7 if len(lines) <= MAX_CROSSES else 0.35}
         circle: dict[str, Any] = {"ms": 3.2 * scale, "mfc": "white", "mec": style.INK, "mew": 0.7 * scale}

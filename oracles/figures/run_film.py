@@ -16,7 +16,7 @@ from PIL import Image
 
 from vastflow.oracles.figures.case_figure import CASE_IN, CROSS, Case, case_figure
 from vastflow.oracles.figures.style import COLORS, DPI, INK, LINE, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK, place
-from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.recording import Event, Recording
@@ -46,7 +46,7 @@ class FilmedRun:
 
     case: Case
     recording: Recording = field(repr=False)
-    judgement: Judgement
+    judgment: Judgment
     radius_m: float
 
     @property
@@ -85,7 +85,7 @@ class FilmedRun:
             _body(floor, radius_m, ESTIMATE_COLOR, fill=False, edgecolor=ESTIMATE_COLOR),
         ]
         (taken,) = floor.plot([], [], linestyle="none", marker=".", markersize=1.5, color=ESTIMATE_COLOR)
-        (driven,) = floor.plot([], [], linewidth=1.3, color=COLORS[self.judgement])
+        (driven,) = floor.plot([], [], linewidth=1.3, color=COLORS[self.judgment])
         (crosses,) = floor.plot([], [], **CROSS)
         tracks = obstacle_tracks_of(self.case.situation, self.recording.run)
         look: dict[str, Any] = {"facecolor": OBSTACLE_COLOR, "edgecolor": OBSTACLE_EDGE}

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.judgement.registry import SUCCESS
+from vastflow.oracles.judgment.registry import SUCCESS
 from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
@@ -110,7 +110,7 @@ def read_estimate(directory: Path, configuration: str, run_index: int) -> NDArra
 
 
 MAX_LINES: Final = 1000
-"""Trajectories drawn per judgement and environment, as in the paper."""
+"""Trajectories drawn per judgment and environment, as in the paper."""
 MAX_SCENES: Final = 12
 """Most environments drawn; those with most failures."""
 CELL_M: Final = 0.25
@@ -123,7 +123,7 @@ class Scene:
 
     Attributes:
         environment: Digest of the map.
-        lines: At most `MAX_LINES` true trajectories (N, 2) of each judgement, evenly chosen.
+        lines: At most `MAX_LINES` true trajectories (N, 2) of each judgment, evenly chosen.
         starts_xy_m, goals_xy_m, obstacles: Distinct ones of all configurations, spawned obstacles included.
         failed_xy_m: (F, 2) final positions of recorded failed runs.
         missed: (F,) whether the mission failed, and not only another oracle.
@@ -228,7 +228,7 @@ def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> 
 
 
 def _visited(grid: FailureGrid, configurations: Sequence[tuple[Walks, NDArray[np.int8]]]) -> FailureMap:
-    """The failure map of judged runs, from their walks and judgements (R,)."""
+    """The failure map of judged runs, from their walks and judgments (R,)."""
     if not configurations:
         return empty_map(grid)
     xy_m = np.concatenate([walks.xy_m for walks, _ in configurations])

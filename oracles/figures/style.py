@@ -14,14 +14,14 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.judgment.verdict import Judgment
 
 if TYPE_CHECKING:
     from vastflow.oracles.statistics.classes import ClassName
 
 DPI: Final = 120
-COLORS: Final[Mapping[Judgement, str]] = {"pass": "#0072B2", "fail": "#D55E00", "not judged": "#8A8A8A"}
-WORDS: Final[Mapping[Judgement, str]] = {"pass": "passed", "fail": "failed", "not judged": "not judged"}
+COLORS: Final[Mapping[Judgment, str]] = {"pass": "#0072B2", "fail": "#D55E00", "not judged": "#8A8A8A"}
+WORDS: Final[Mapping[Judgment, str]] = {"pass": "passed", "fail": "failed", "not judged": "not judged"}
 CLASS_COLORS: Final["Mapping[ClassName, str]"] = {
     "reliable": "#0072B2",
     "systematic": "#D55E00",

@@ -10,7 +10,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from vastflow.oracles.evidence.findings import Findings
-from vastflow.oracles.judgement.cause import CAUSES
+from vastflow.oracles.judgment.cause import CAUSES
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.film import cause_film
 from vastflow.oracles.page.pictures import case_picture, cause_picture

@@ -8,7 +8,7 @@ from jinja2 import Environment
 
 from vastflow.oracles.evidence.causes import causes_of
 from vastflow.oracles.evidence.evidence import evidence_of
-from vastflow.oracles.judgement.cause import CAUSES
+from vastflow.oracles.judgment.cause import CAUSES
 from vastflow.oracles.page import words
 from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.model.files import read_bytes

@@ -21,10 +21,10 @@ from vastflow.oracles.figures.charts import (
 )
 from vastflow.oracles.figures.drawing import Drawing
 from vastflow.oracles.figures.scene import Scene, Walks, distinct_obstacles, read_estimate, read_walks
-from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.page.section import Picture
 from vastflow.oracles.results.executed import KeptFiles
-from vastflow.oracles.results.tables import CODES, JUDGEMENTS, Tables
+from vastflow.oracles.results.tables import CODES, JUDGMENTS, Tables
 from vastflow.sim.model.obstacle import Obstacle
 
 MAX_EMBEDDED: Final = 11_000_000
@@ -90,9 +90,9 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
         else "Obstacles of all configurations"
     )
     obstacles = f" {which} are drawn. Each run met only its own." if scene.obstacles else ""
-    words: dict[Judgement, str] = {"fail": "failed", "pass": "passed"}
-    for judgement, word in words.items():
-        if scene.lines[CODES[judgement]] or (judgement == "pass" and not runs.failed):
+    words: dict[Judgment, str] = {"fail": "failed", "pass": "passed"}
+    for judgment, word in words.items():
+        if scene.lines[CODES[judgment]] or (judgment == "pass" and not runs.failed):
             alt = f"{name}: true trajectories of {word} runs"
             caption = f"True trajectories of {word} runs, from circle to cross.{obstacles}"
             yield picture(
@@ -100,7 +100,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
                 f"{word.capitalize()} runs",
                 alt,
                 caption,
-                Drawing(maps.paths_figure, scene, judgement),
+                Drawing(maps.paths_figure, scene, judgment),
             )
 
 
@@ -125,7 +125,7 @@ def case_picture(tables: Tables, configuration: int, files: KeptFiles) -> Pictur
         return None
     own = verdicts.rows_of(configuration)
     rows = own.start + np.searchsorted(verdicts.run_index[own], walks.run_index)
-    paths = [(JUDGEMENTS[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
+    paths = [(JUDGMENTS[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
     figure = _on_map(tables, configuration, files, paths, walks.spawned)
     return picture(f"case-{name}", "", f"Trajectories of {name} on its map", "", figure)
 
@@ -163,7 +163,7 @@ def _on_map(
     tables: Tables,
     configuration: int,
     files: KeptFiles,
-    paths: Sequence[tuple[Judgement, NDArray[np.float64]]],
+    paths: Sequence[tuple[Judgment, NDArray[np.float64]]],
     spawned: Sequence[Obstacle],
     estimate_xy_m: NDArray[np.float64] | None = None,
 ) -> Drawing:

@@ -15,8 +15,8 @@ from vastflow.oracles.evidence.causes import oracle_parameters
 from vastflow.oracles.evidence.findings import stopping_rule
 from vastflow.oracles.figures.scene import MAX_SCENES
 from vastflow.oracles.figures.style import CLASS_COLORS
-from vastflow.oracles.judgement.cause import CAUSES
-from vastflow.oracles.judgement.registry import known_oracles, oracle_class
+from vastflow.oracles.judgment.cause import CAUSES
+from vastflow.oracles.judgment.registry import known_oracles, oracle_class
 from vastflow.oracles.page import pictures
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.failures import first_of, kind_of
@@ -240,8 +240,8 @@ def coverage_section(facts: Facts) -> Section | None:
     values = {
         "parts": Table([family, *counted, Column("Design")], whole, totals=[len(whole) - 1] if len(whole) > 1 else []),
         "excluded": list(coverage.excluded(found)),
-        "unrealisable": [
-            (f, by, said["count"]) for f, part in families for by, said in part["unrealisable_by"].items()
+        "unrealizable": [
+            (f, by, said["count"]) for f, part in families for by, said in part["unrealizable_by"].items()
         ],
         "dimensions": Table([family, Column("Dimension"), *covered, Column("Written by")], by_dimension),
         "t_way": found["t_way"],

@@ -7,7 +7,7 @@ from typing import Any
 
 import pyarrow.compute as pc
 
-from vastflow.oracles.judgement.verdict import Judgement, run_judgement
+from vastflow.oracles.judgment.verdict import Judgment, run_judgment
 from vastflow.oracles.results.executed import KeptFiles, configuration_row, recordings_of, scenario_of_row
 from vastflow.oracles.results.schema import read_columns
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
@@ -27,7 +27,7 @@ class RecordedRun:
     Attributes:
         configuration: The executed one; a duplicate's original.
         seed: The campaign's `execution.seed`.
-        judgement: Of all oracles together.
+        judgment: Of all oracles together.
         metadata: `metadata.json` of the campaign.
     """
 
@@ -35,7 +35,7 @@ class RecordedRun:
     scenario: Scenario
     recording: Recording = field(repr=False)
     seed: int
-    judgement: Judgement
+    judgment: Judgment
     metadata: Mapping[str, Any] = field(repr=False)
 
 
@@ -59,11 +59,11 @@ def recorded_run(directory: Path, configuration: str, run_index: int) -> Recorde
             raise ValueError(f"the seed {recording.run.seed} in the recording is not this scenario's")
         table = read_columns(directory / "verdicts.parquet")
         own = pc.and_(pc.equal(table["configuration"], name), pc.equal(table["run_index"], run_index))
-        judgement = run_judgement(table.filter(own)["judgement"].to_pylist())
+        judgment = run_judgment(table.filter(own)["judgment"].to_pylist())
         metadata: dict[str, Any] = read_json(directory / "metadata.json")
         if missing := [key for key in ("name", "created", "vastflow", "versions", "host") if key not in metadata]:
             raise ValueError(f"metadata.json has no {', '.join(missing)}")
-        return RecordedRun(name, scenario, recording, entropy[0], judgement, metadata)
+        return RecordedRun(name, scenario, recording, entropy[0], judgment, metadata)
 
 
 def needs_code(recorded: RecordedRun) -> bool:

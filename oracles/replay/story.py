@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_extent_m
 from vastflow.oracles.figures.style import COLORS
-from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.replay.bands import SLOW_S
 from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.faults import UserError
@@ -165,7 +165,7 @@ class Story:
     title: str
     subtitle: str
     run: Run
-    judgement: Judgement
+    judgment: Judgment
     warning: str
     occupancy: OccupancyMap = field(repr=False)
     moments: Sequence[Moment] = field(repr=False)
@@ -174,7 +174,7 @@ class Story:
 
     @property
     def color(self) -> str:
-        return COLORS[self.judgement]
+        return COLORS[self.judgment]
 
     @property
     def ending(self) -> str:

@@ -11,7 +11,7 @@ Coverage = Mapping[str, Any]
 """The value of `vastflow.producers.instantiation.coverage.coverage_of`."""
 
 FILE: Final = "coverage.json"
-COUNTS: Final = ("requested", "excluded", "unrealisable", "duplicate", "realised", "valid")
+COUNTS: Final = ("requested", "excluded", "unrealizable", "duplicate", "realized", "valid")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ def read_coverage(directory: Path) -> Coverage:
     """
     found = read_json(directory / FILE)
     try:
-        for lines in (excluded, unrealisable, dimensions, pairs):
+        for lines in (excluded, unrealizable, dimensions, pairs):
             tuple(lines(found))
         for _, part in parts(found):
             counts(part)
@@ -78,10 +78,10 @@ def excluded(coverage: Coverage) -> Iterator[Loss]:
         yield from (Loss(family, constraint, "", times) for constraint, times in part["excluded_by"].items())
 
 
-def unrealisable(coverage: Coverage) -> Iterator[Loss]:
+def unrealizable(coverage: Coverage) -> Iterator[Loss]:
     """Requests rejected by each producer, by reason; the last row counts unlisted reasons."""
     for family, part in coverage["families"].items():
-        for producer, said in part["unrealisable_by"].items():
+        for producer, said in part["unrealizable_by"].items():
             yield from (Loss(family, producer, reason, times) for reason, times in said["reasons"].items())
             if said["reasons_not_listed"]:
                 rest = said["count"] - sum(said["reasons"].values())

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.oracles.judgement.notebook import RunTables, run_tables
+from vastflow.oracles.judgment.notebook import RunTables, run_tables
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import trace_of
 from vastflow.oracles.results.schema import behaviors_of, rows_of, table_rows

@@ -63,9 +63,9 @@ RUNS: Final = pa.schema(
 JUDGED_RUNS: Final = RUNS.append(pa.field("cause", _TEXT))
 """Columns of `runs.parquet`: records of each run, and the cause of its failure."""
 METRICS: Final = "metrics"
-_TEXTS: Final = frozenset({"configuration", "family", "judgement", "name", "oracle", "producer", "reason"})
+_TEXTS: Final = frozenset({"configuration", "family", "judgment", "name", "oracle", "producer", "reason"})
 """Columns of names and words, in whatever table they are."""
-VERDICTS: Final = pa.schema({**_RUN, **dict.fromkeys(("oracle", "judgement", "reason", METRICS), _TEXT)})
+VERDICTS: Final = pa.schema({**_RUN, **dict.fromkeys(("oracle", "judgment", "reason", METRICS), _TEXT)})
 
 
 class TableWriter:

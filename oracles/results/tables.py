@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 import pyarrow.json
 from numpy.typing import NDArray
 
-from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.results.schema import METRICS, codes, floats, integers, read_columns, table_rows, text_batches
 from vastflow.oracles.results.units import Units, units_of
 from vastflow.sim.model.files import json_value, read_json, read_text
@@ -22,8 +22,8 @@ from vastflow.sim.model.files import json_value, read_json, read_text
 if TYPE_CHECKING:
     import pandas as pd
 
-CODES: Final[Mapping[Judgement, int]] = {"pass": 0, "fail": 1, "not judged": 2}
-JUDGEMENTS: Final[Mapping[int, Judgement]] = {code: judgement for judgement, code in CODES.items()}
+CODES: Final[Mapping[Judgment, int]] = {"pass": 0, "fail": 1, "not judged": 2}
+JUDGMENTS: Final[Mapping[int, Judgment]] = {code: judgment for judgment, code in CODES.items()}
 ABSENT: Final = 3
 """Code of a run that an oracle says nothing of."""
 PASS, FAIL, NOT_JUDGED = CODES.values()
@@ -136,30 +136,30 @@ class VerdictTable:
         oracles: Names of the oracles in the order they judged.
         configuration: (R,) index into `names`, ascending.
         run_index: (R,) ascending within a configuration.
-        judgements: (R, oracles) codes of judgements, `ABSENT` where an oracle was not asked.
+        judgments: (R, oracles) codes of judgments, `ABSENT` where an oracle was not asked.
 
     Raises:
-        ValueError: a verdict of a configuration that there is not, or a judgement that is none.
+        ValueError: a verdict of a configuration that there is not, or a judgment that is none.
     """
 
     def __init__(self, table: pa.Table, names: list[str], file: Path | None = None) -> None:
         self.table, self.names, self._file = table, tuple(names), file
-        (said, judgements), (configuration, judged) = codes(table["judgement"]), codes(table["configuration"])
+        (said, judgments), (configuration, judged) = codes(table["judgment"]), codes(table["configuration"])
         places = {name: place for place, name in enumerate(names)}
         if unknown := {*judged} - {*names}:
             raise ValueError(f"verdicts.parquet judges {min(unknown)!r}, which is no row of configurations.parquet")
-        if unknown := {*judgements} - {*CODES}:
-            raise ValueError(f"verdicts.parquet has the judgement {min(unknown)!r}. It can be {', '.join(CODES)}")
+        if unknown := {*judgments} - {*CODES}:
+            raise ValueError(f"verdicts.parquet has the judgment {min(unknown)!r}. It can be {', '.join(CODES)}")
         place = np.array([places[name] for name in judged], dtype=np.int64)[configuration]
         runs, of_run = np.unique(run_keys(place, integers(table["run_index"])), return_inverse=True)
         self._run = of_run.astype(np.int32)
         self.configuration, self.run_index = runs // _RUNS, runs % _RUNS
         oracle, oracles = codes(table["oracle"])
         self._oracle, self.oracles = oracle.astype(np.int16), tuple(oracles)
-        code = np.array([CODES[text] for text in judgements], dtype=np.int8)  # type: ignore[index]
+        code = np.array([CODES[text] for text in judgments], dtype=np.int8)  # type: ignore[index]
         self._said = code[said]
-        self.judgements = np.full((len(runs), len(oracles)), ABSENT, dtype=np.int8)
-        self.judgements[self._run, self._oracle] = self._said
+        self.judgments = np.full((len(runs), len(oracles)), ABSENT, dtype=np.int8)
+        self.judgments[self._run, self._oracle] = self._said
 
     def __len__(self) -> int:
         return len(self.run_index)
@@ -167,11 +167,11 @@ class VerdictTable:
     @cached_property
     def together(self) -> NDArray[np.int8]:
         """(R,) what all oracles say."""
-        return together(self.judgements)
+        return together(self.judgments)
 
     def of(self, oracle: str | None) -> NDArray[np.int8]:
         """(R,) what one oracle says; all together where `oracle` is None."""
-        return self.together if oracle is None else self.judgements[:, self.oracles.index(oracle)]
+        return self.together if oracle is None else self.judgments[:, self.oracles.index(oracle)]
 
     def rows_of(self, configuration: int) -> slice:
         return slice(*np.searchsorted(self.configuration, (configuration, configuration + 1)))
@@ -181,11 +181,11 @@ class VerdictTable:
         cells = self.configuration * 4 + self.of(oracle)
         return np.bincount(cells, minlength=4 * len(self.names)).reshape(-1, 4)[:, :ABSENT]
 
-    def reasons(self, judgement: Judgement) -> "pd.DataFrame":
-        """The `configuration`, `oracle` and `reason`, as categories, and `run_index` of each verdict that is `judgement`."""
+    def reasons(self, judgment: Judgment) -> "pd.DataFrame":
+        """The `configuration`, `oracle` and `reason`, as categories, and `run_index` of each verdict that is `judgment`."""
         import pandas as pd
 
-        rows, (reason, reasons) = self._said == CODES[judgement], codes(self.table["reason"])
+        rows, (reason, reasons) = self._said == CODES[judgment], codes(self.table["reason"])
         found = {
             "configuration": (self.configuration[self._run[rows]], self.names),
             "oracle": (self._oracle[rows], self.oracles),
@@ -244,7 +244,7 @@ class VerdictTable:
 
 
 def together(said: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Joint judgements (R,) from those of oracles (R, oracles): `fail` if any, `pass` if all, else `not judged`."""
+    """Joint judgments (R,) from those of oracles (R, oracles): `fail` if any, `pass` if all, else `not judged`."""
     passed = ((said == PASS) | (said == ABSENT)).all(axis=1) & (said == PASS).any(axis=1)
     return np.where((said == FAIL).any(axis=1), FAIL, np.where(passed, PASS, NOT_JUDGED)).astype(np.int8)
 
@@ -298,7 +298,7 @@ def read_verdicts(directory: Path, names: list[str]) -> VerdictTable:
         ValueError: it does not suit `names`.
     """
     file = directory / "verdicts.parquet"
-    verdicts = read_columns(file, "configuration", "oracle", "judgement", "reason", without=(METRICS, "family"))
+    verdicts = read_columns(file, "configuration", "oracle", "judgment", "reason", without=(METRICS, "family"))
     return VerdictTable(verdicts, names, file)
 
 

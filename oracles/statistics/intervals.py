@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.judgment.verdict import Judgment
 
 LEVEL: Final = 0.95
 """Confidence of every interval of the report."""
@@ -266,7 +266,7 @@ def _below(mean: float, at: Floats, times: NDArray[np.int64]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Numbers of judgements; rates exclude unjudged runs."""
+    """Numbers of judgments; rates exclude unjudged runs."""
 
     passed: int = 0
     failed: int = 0
@@ -287,8 +287,8 @@ class Counts:
         return wilson(self.passed, self.judged)
 
 
-def counts_of(judgements: Iterable[Judgement]) -> Counts:
-    said = list(judgements)
+def counts_of(judgments: Iterable[Judgment]) -> Counts:
+    said = list(judgments)
     return Counts(said.count("pass"), said.count("fail"), said.count("not judged"))
 
 

@@ -26,7 +26,7 @@ Mean: TypeAlias = tuple[float, Interval]
 class Looks:
     """Looks at a configuration's first runs, and says whether it wants more.
 
-    Looks are on a fixed grid, and each uses the runs before it alone. So the number of runs follows from the judgements, whatever
+    Looks are on a fixed grid, and each uses the runs before it alone. So the number of runs follows from the judgments, whatever
     else is known, whoever computed it and in which order.
     """
 
@@ -44,20 +44,20 @@ class Looks:
         step = max(1, -(-(most - least) // MOST_ROUNDS))
         return (*range(least, most, step), most)
 
-    def wanted(self, judgements: Mapping[int, str]) -> int:
-        """Return the number of runs a configuration wants, given the known judgements.
+    def wanted(self, judgments: Mapping[int, str]) -> int:
+        """Return the number of runs a configuration wants, given the known judgments.
 
-        Where all of these are among `judgements` it wants no more. A look at which nothing could be decided, however the runs before
+        Where all of these are among `judgments` it wants no more. A look at which nothing could be decided, however the runs before
         it end, is passed over: that saves a round and changes no outcome.
 
         Args:
-            judgements: Run index to `pass`, `fail` or `not judged`, which is no evidence; any other runs, later ones too.
+            judgments: Run index to `pass`, `fail` or `not judged`, which is no evidence; any other runs, later ones too.
         """
         runs = passed = judged = 0
         while True:
             look = _next(self, runs, passed, judged)
             for run in range(runs, look):
-                said = judgements.get(run)
+                said = judgments.get(run)
                 if said is None:
                     return look
                 passed += said == "pass"

@@ -247,7 +247,7 @@ def _one_tab(entry: dict[str, Notebooks]) -> dict[str, Notebooks]:
 
 
 class EvaluationSpec(Section):
-    """Judgement and display of runs."""
+    """Judgment and display of runs."""
 
     oracles: NamedSteps = Field(default_factory=list)
     """Oracles that judge each run, `- name` or `- name: {parameters}`. Not part of version 1 elsewhere."""

@@ -51,13 +51,13 @@ def coverage_of(
 ) -> dict[str, Any]:
     """Counts for the whole campaign and, below `families`, for each family.
 
-    - `requested` |Q| is the sum of `excluded` (by φ), `unrealisable` (by a producer), `duplicate` and `realised` |C|
+    - `requested` |Q| is the sum of `excluded` (by φ), `unrealizable` (by a producer), `duplicate` and `realized` |C|
       (distinct scenarios). A partial configuration that is excluded or rejected counts once, though later producers
       would have made several configurations of it.
-    - `valid` |V(D)|: what could have been realised and is no duplicate, and what was unrealisable; `share` is |C| of it.
+    - `valid` |V(D)|: what could have been realized and is no duplicate, and what was unrealizable; `share` is |C| of it.
       In a family with a design `valid` counts the whole space, of which the design takes some.
-    - `excluded_by`: constraint to number; `unrealisable_by`: producer to number and reasons.
-    - `dimensions`: distinct contents of each dimension among the realised, and in a family its choices.
+    - `excluded_by`: constraint to number; `unrealizable_by`: producer to number and reasons.
+    - `dimensions`: distinct contents of each dimension among the realized, and in a family its choices.
     - `t_way`: of the combinations of any two producers' choices how many there are, how many are in some configuration
       that can be built and is not excluded (`admissible`), and how many of these are in one of the configurations
       (`covered`, as `share`). A choice is a place among all a producer yields for an input.
@@ -84,10 +84,10 @@ def coverage_of(
             found,
         )
         contents = {dimension: contents[dimension] | found[dimension] for dimension in contents}
-    unseen = sum(part["valid"] for part in parts.values()) - sum(part["realised"] for part in parts.values())
-    realised = sum(configuration.duplicate_of is None for configuration in configurations)
+    unseen = sum(part["valid"] for part in parts.values()) - sum(part["realized"] for part in parts.values())
+    realized = sum(configuration.duplicate_of is None for configuration in configurations)
     return {
-        **_counts(configurations, rejections, excluded, realised + unseen),
+        **_counts(configurations, rejections, excluded, realized + unseen),
         "dimensions": {dimension: {"distinct": len(distinct)} for dimension, distinct in contents.items()},
         "t_way": {"strength": STRENGTH, **_sums([part["t_way"] for part in parts.values() if part["t_way"]])},
         "families": parts,
@@ -122,20 +122,20 @@ def _counts(
     valid: int,
 ) -> dict[str, Any]:
     duplicates = sum(configuration.duplicate_of is not None for configuration in configurations)
-    realised = len(configurations) - duplicates
+    realized = len(configurations) - duplicates
     reasons: dict[str, Counter[str]] = {}
     for instance in rejections:
         reasons.setdefault(instance.producer, Counter())[instance.reason] += 1
     return {
         "requested": len(configurations) + len(rejections) + len(excluded),
         "excluded": len(excluded),
-        "unrealisable": len(rejections),
+        "unrealizable": len(rejections),
         "duplicate": duplicates,
-        "realised": realised,
+        "realized": realized,
         "valid": valid,
-        "share": _share(realised, valid),
+        "share": _share(realized, valid),
         "excluded_by": dict(Counter(instance.constraint for instance in excluded)),
-        "unrealisable_by": {
+        "unrealizable_by": {
             producer: {
                 "count": counted.total(),
                 "reasons": dict(counted.most_common(MOST_LISTED)),

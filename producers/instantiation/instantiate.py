@@ -103,7 +103,7 @@ class Instantiation:
 
     Attributes:
         excluded: What constraints exclude; a partial configuration once, though more producers would have followed.
-        coverage: How much of the requested test space was realised, see `vastflow.producers.instantiation.coverage.coverage_of`.
+        coverage: How much of the requested test space was realized, see `vastflow.producers.instantiation.coverage.coverage_of`.
         sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
     """
 

@@ -109,7 +109,7 @@ class Producer(ABC, Generic[P]):
 
     @abstractmethod
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
-        """Yield a fragment for each realisable choice and a rejection for each that is not.
+        """Yield a fragment for each realizable choice and a rejection for each that is not.
 
         Args:
             inputs: The values of `reads` that are present.

@@ -10,7 +10,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import Any, Final, Generic, Protocol, TypeAlias, TypeVar
 
-from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgment.oracle import Oracle
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.system.keys import CONTROLLER_KEY, FILE_KEY
@@ -407,13 +407,13 @@ class Engine:
             return work.broken(error)
 
 
-def judgements(verdicts: Artifact) -> dict[int, str]:
-    """Return run index to the judgement of all oracles together."""
+def judgments(verdicts: Artifact) -> dict[int, str]:
+    """Return run index to the judgment of all oracles together."""
     return said(verdicts)[0]
 
 
 def said(verdicts: Artifact) -> tuple[dict[int, str], dict[int, str]]:
-    """Return run index to the judgement of all oracles together, and failed run to its cause."""
+    """Return run index to the judgment of all oracles together, and failed run to its cause."""
     info = verdicts.info
-    judged = {int(run_index): str(judgement) for run_index, judgement in info["runs"]}
+    judged = {int(run_index): str(judgment) for run_index, judgment in info["runs"]}
     return judged, {int(run_index): str(cause) for run_index, cause in info.get("causes", ())}

@@ -55,9 +55,9 @@ class FamilyProgress:
     failed: int = 0
     not_judged: int = 0
 
-    def count(self, judgement: str, runs: int) -> None:
-        """Count runs of a judgement, or take some back where `runs` is negative."""
-        match judgement:
+    def count(self, judgment: str, runs: int) -> None:
+        """Count runs of a judgment, or take some back where `runs` is negative."""
+        match judgment:
             case "pass":
                 self.passed += runs
             case "fail":
@@ -198,40 +198,38 @@ class Tally:
                 of_whom = {"configuration": configuration, "family": of.family.family}
                 self._changed("executed", **of_whom, runs=runs, simulated_s=round(took_s, 3))
 
-    def judge(
-        self, configuration: str, judgements: Mapping[int, str], reasons: Mapping[int, str] | None = None
-    ) -> None:
-        """Count runs that are done, each with the judgement of all oracles together.
+    def judge(self, configuration: str, judgments: Mapping[int, str], reasons: Mapping[int, str] | None = None) -> None:
+        """Count runs that are done, each with the judgment of all oracles together.
 
         Args:
-            reasons: Run to the reason of its judgement, where there is one.
+            reasons: Run to the reason of its judgment, where there is one.
         """
         with self._lock:
             if (of := self._configurations.get(configuration)) is None:
                 return
-            for judgement in dict.fromkeys(judgements.values()):
-                bits = of.bits(run for run, said in judgements.items() if said == judgement)
-                new = bits & ~of.judged.get(judgement, 0)
+            for judgment in dict.fromkeys(judgments.values()):
+                bits = of.bits(run for run, said in judgments.items() if said == judgment)
+                new = bits & ~of.judged.get(judgment, 0)
                 for before, theirs in of.judged.items():
                     again = bits & theirs
                     of.family.count(before, -again.bit_count())
                     of.judged[before] = theirs & ~again
-                of.judged[judgement] = of.judged.get(judgement, 0) | bits
-                of.family.count(judgement, bits.bit_count())
+                of.judged[judgment] = of.judged.get(judgment, 0) | bits
+                of.family.count(judgment, bits.bit_count())
                 if new and self._changes is not None:
-                    self._tell(configuration, of.family.family, judgement, _runs(new), reasons or {})
+                    self._tell(configuration, of.family.family, judgment, _runs(new), reasons or {})
             done, was_done = sum(theirs.bit_count() for theirs in of.judged.values()), of.done
             self._judged += done - was_done
             self._configurations_done += (done == of.most) - (was_done == of.most)
             of.done = done
 
     def _tell(
-        self, configuration: str, family: str, judgement: str, runs: list[int], reasons: Mapping[int, str]
+        self, configuration: str, family: str, judgment: str, runs: list[int], reasons: Mapping[int, str]
     ) -> None:
         alike: dict[str | None, list[int]] = {}
         for run in runs:
             alike.setdefault(reasons.get(run), []).append(run)
-        of = {"configuration": configuration, "family": family, "judgement": judgement}
+        of = {"configuration": configuration, "family": family, "judgment": judgment}
         for reason, theirs in alike.items():
             self._changed("verdicts", **of, reason=reason, runs=theirs)
 
@@ -267,7 +265,7 @@ class _ConfigurationProgress:
     Attributes:
         runs: Number of wanted runs; a block may hold more.
         most: Maximum number of wanted runs.
-        judged: Judgement to its runs.
+        judged: Judgment to its runs.
         done: Number of judged runs.
     """
 

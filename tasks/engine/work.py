@@ -222,15 +222,15 @@ def judge(
     keyed: Mapping[str, str],
     held: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
-    """Judge one block and store the verdicts, with the judgement of each run and the causes of failures.
+    """Judge one block and store the verdicts, with the judgment of each run and the causes of failures.
 
     Args:
         oracles: Pickled, so that a plug-in that can't be imported is an error of this unit alone.
         keyed: See `Keys.by_oracle`.
         held: See `Index.held`; these oracles do not judge again.
     """
-    from vastflow.oracles.judgement.judge import judge_block
-    from vastflow.oracles.judgement.verdict import Verdict, read_verdicts, run_judgement, write_verdicts
+    from vastflow.oracles.judgment.judge import judge_block
+    from vastflow.oracles.judgment.verdict import Verdict, read_verdicts, run_judgment, write_verdicts
 
     kept: list[Verdict] = []
     for beside, names in (held or {}).items():
@@ -244,8 +244,8 @@ def judge(
     judged = judge_block(scenario, recordings, traces, judging, outputs, kept)
     said: dict[int, list[Any]] = {}
     for verdict in judged.verdicts:
-        said.setdefault(verdict.run_index, []).append(verdict.judgement)
-    together = [[run_index, run_judgement(judgements)] for run_index, judgements in said.items()]
+        said.setdefault(verdict.run_index, []).append(verdict.judgment)
+    together = [[run_index, run_judgment(judgments)] for run_index, judgments in said.items()]
     causes = [list(each) for each in judged.causes.items()]
     info = {"runs": together, "causes": causes, "oracles": dict(keyed)}
     # The order in which oracles are asked is in no key.

@@ -26,7 +26,7 @@ _RADII: Final = "vastflow.sim.nav2.costmaps.outline"
 """Loaded by an entry point, which no import names: traces and verdicts follow from the robot's radii."""
 
 OBSERVE_SOURCE: Final = ("vastflow.oracles.observation.observe", _RADII)
-JUDGE_SOURCE: Final = ("vastflow.oracles.judgement.judge", _RADII)
+JUDGE_SOURCE: Final = ("vastflow.oracles.judgment.judge", _RADII)
 EVALUATE_SOURCE: Final = ("vastflow.producers.model.producer",)
 
 _TOGETHER_DIGITS: Final = 32

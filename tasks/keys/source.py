@@ -232,7 +232,7 @@ class SourceTree:
         if file not in self._read or name == PLUG_IN:  # a user may be editing a plug-in
             package = name if file.name == "__init__.py" else name.rpartition(".")[0]
             if file.suffix == ".ipynb":
-                from vastflow.oracles.judgement.notebook import notebook_code
+                from vastflow.oracles.judgment.notebook import notebook_code
 
                 content = notebook_code(file).encode()
             else:

@@ -18,8 +18,8 @@ from typer.main import get_command
 from vastflow.flows.cli.__main__ import app
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.summary import Summary
-from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.registry import known_oracles, oracle_class
+from vastflow.oracles.judgment.judge import judge_block
+from vastflow.oracles.judgment.registry import known_oracles, oracle_class
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.observation.trace import trace_of
 from vastflow.producers.campaign_file.sections import Unexecuted

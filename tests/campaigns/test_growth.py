@@ -10,7 +10,7 @@ from table import each_row
 
 from vastflow.flows import run_campaign
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.oracles.judgement.registry import oracle_of
+from vastflow.oracles.judgment.registry import oracle_of
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import trace_of
 from vastflow.oracles.replay.recorded import recorded_run
@@ -52,14 +52,14 @@ def test_slow_growth_stays_below_the_capacity(grown):
     assert list(table) == ["t_s", "population"]
     assert (table["t_s"][-1], table["population"][0]) == (100.0, 10.0)
     verdict = judged(record.outputs.tables)
-    assert verdict.judgement == "pass"
+    assert verdict.judgment == "pass"
     assert verdict.metrics["final"].value == pytest.approx(1000.0)
 
 
 def test_empty_population_is_refused(grown):
     record = grown("--growth-rate", "1.0", "--initial-population", "0")
     assert "expected more than 0, got --initial-population 0" in record.logs[0].text
-    assert judged(record.outputs.tables).judgement == "not judged"
+    assert judged(record.outputs.tables).judgment == "not judged"
 
 
 def test_non_numeric_population_fails():
@@ -70,7 +70,7 @@ def test_non_numeric_population_fails():
 @each_row("column", [np.array([]), np.array(["a"])])
 def test_table_without_numbers_is_not_judged(column):
     verdict = judged({"growth": {"t_s": np.zeros(len(column)), "population": column}})
-    assert (verdict.judgement, verdict.reason) == ("not judged", "growth.csv has no rows of numbers")
+    assert (verdict.judgment, verdict.reason) == ("not judged", "growth.csv has no rows of numbers")
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +111,7 @@ def test_campaign_runs_through_the_flow_and_is_reported_without_maps(tmp_path):
     )
     assert (results.faults, results.summary.passed, results.summary.failed) == ((), 1, 1)
     tables = read_tables(results.directory)
-    reasons = {row["configuration"]: row["reason"] for row in tables.verdicts.rows() if row["judgement"] == "fail"}
+    reasons = {row["configuration"]: row["reason"] for row in tables.verdicts.rows() if row["judgment"] == "fail"}
     assert reasons == {"growth-5-3": "1116, 12 % above the capacity of 1000"}
     report = (results.directory / "report.html").read_text()
     assert [words for words in ("Where it happened", "m driven", "missed goals") if words in report] == []

@@ -7,7 +7,7 @@ import pytest
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.oracles.judgement.judge import judge_block
+from vastflow.oracles.judgment.judge import judge_block
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import write_recordings
@@ -43,5 +43,5 @@ def test_notebook_judges_beside_other_oracles(campaign):
     recorded = write_recordings([run(scenario, 0)])
     verdicts = judge_block(scenario, recorded, observe_block(scenario, recorded), campaign[1]).verdicts
     assert [verdict.oracle for verdict in verdicts] == ["success", "lost.ipynb", "navigation"]
-    assert verdicts[1].judgement == "pass"
+    assert verdicts[1].judgment == "pass"
     assert 0 < verdicts[1].metrics["greatest_error"].value < 0.3

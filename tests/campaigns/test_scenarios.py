@@ -11,7 +11,7 @@ from whole_directory import ConfigurationResult, write_results
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.figures.scene import scenes_of
-from vastflow.oracles.judgement.judge import judge_block
+from vastflow.oracles.judgment.judge import judge_block
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.replay.recorded import recorded_run
@@ -63,7 +63,7 @@ def test_first_run_of_its_campaign_passes(name):
     scenario = configurations_of(name)[0].scenario
     recorded = write_recordings([run(scenario, 0)])
     verdicts = judge_block(scenario, recorded, observe_block(scenario, recorded), oracles).verdicts
-    assert [(verdict.oracle, verdict.reason) for verdict in verdicts if verdict.judgement != "pass"] == []
+    assert [(verdict.oracle, verdict.reason) for verdict in verdicts if verdict.judgment != "pass"] == []
 
 
 def test_rounds_after_the_first_take_longer():

@@ -16,10 +16,10 @@ import yaml
 from PIL import Image
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.oracle import Oracle
-from vastflow.oracles.judgement.registry import oracles_of
-from vastflow.oracles.judgement.verdict import run_judgement
+from vastflow.oracles.judgment.judge import judge_block
+from vastflow.oracles.judgment.oracle import Oracle
+from vastflow.oracles.judgment.registry import oracles_of
+from vastflow.oracles.judgment.verdict import run_judgment
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.campaign_file.scenario import run_files
@@ -80,10 +80,10 @@ class Row:
 
 
 class Ran(NamedTuple):
-    """One run: its distance if the robot was given a goal, its judgement, empty where the run broke, and why."""
+    """One run: its distance if the robot was given a goal, its judgment, empty where the run broke, and why."""
 
     distance_m: float | None
-    judgement: str
+    judgment: str
     reason: str = ""
 
 
@@ -98,15 +98,15 @@ class Trial(NamedTuple):
 def _told(runs: Sequence[Ran]) -> tuple[str, dict[str, Any]]:
     """Why the first run that broke did, or else the first that failed; and counts of a `Row`."""
     distances = [run.distance_m for run in runs if run.distance_m is not None]
-    judgements = Counter(run.judgement for run in runs)
-    reasons = (run.reason for judgement in ("", "fail", "not judged") for run in runs if run.judgement == judgement)
+    judgments = Counter(run.judgment for run in runs)
+    reasons = (run.reason for judgment in ("", "fail", "not judged") for run in runs if run.judgment == judgment)
     return next(reasons, ""), {
         "runs": len(runs),
         "sent": len(distances),
         "drove": sum(distance >= DRIVEN_M for distance in distances),
         "distance_m": round(statistics.median(distances), 2) if distances else None,
-        **{name: judgements[said] for name, said in (("passed", "pass"), ("failed", "fail"), ("broken", ""))},
-        "not_judged": judgements["not judged"],
+        **{name: judgments[said] for name, said in (("passed", "pass"), ("failed", "fail"), ("broken", ""))},
+        "not_judged": judgments["not judged"],
     }
 
 
@@ -229,9 +229,9 @@ def _run(scenario: Scenario, run_index: int, *, oracles: Sequence[Oracle[Any]], 
         verdicts = judge_block(scenario, block, observe_block(scenario, block), oracles, outputs).verdicts
     except Exception as error:  # noqa: BLE001 - a run that breaks is what the table tells
         return Ran(None, "", f"{type(error).__name__}: {_line(error)}")
-    judgement = run_judgement(verdict.judgement for verdict in verdicts)
-    reasons = [verdict.reason for verdict in verdicts if verdict.judgement == judgement and verdict.reason]
-    return Ran(recording.run.distance_m if sent else None, judgement, _first(reasons))
+    judgment = run_judgment(verdict.judgment for verdict in verdicts)
+    reasons = [verdict.reason for verdict in verdicts if verdict.judgment == judgment and verdict.reason]
+    return Ran(recording.run.distance_m if sent else None, judgment, _first(reasons))
 
 
 ROOM_M: Final = (12.0, 8.0)

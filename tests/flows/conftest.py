@@ -12,7 +12,7 @@ from vastflow.flows.plan import plan as plans
 from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
 from vastflow.flows.run import prepared
 from vastflow.flows.stages import api as stages
-from vastflow.oracles.judgement.verdict import Verdict, write_verdicts
+from vastflow.oracles.judgment.verdict import Verdict, write_verdicts
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Recording, Run
 from vastflow.sim.reading.checked import checked_digest

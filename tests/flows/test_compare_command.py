@@ -50,9 +50,9 @@ def write(
         for k, letter in enumerate(said):
             runs.append({"configuration": name, "run_index": k, "seed": f"{seed}{task}-{k}"})
             for oracle in oracles:
-                judgement = {"p": "pass", "f": "fail", "n": "not judged"}[letter]
+                judgment = {"p": "pass", "f": "fail", "n": "not judged"}[letter]
                 verdict = {"configuration": name, "family": "f", "run_index": k, "oracle": oracle, "metrics": "{}"}
-                verdicts.append({**verdict, "judgement": judgement, "reason": ""})
+                verdicts.append({**verdict, "judgment": judgment, "reason": ""})
     tables = {"configurations": (rows, CONFIGURATIONS), "runs": (runs, RUNS)}
     tables |= {"verdicts": (verdicts, VERDICTS), "rejections": ([], REJECTIONS)}
     for table, (content, schema) in tables.items():

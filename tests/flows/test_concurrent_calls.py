@@ -11,7 +11,7 @@ from vastflow.sim.scenario.language import declaring, grammar
 
 NOISE = "laserscan_gaussian_noise_std_deviation"
 SLOW = "import time; time.sleep(0.02)  # as a plug-in that imports large libraries\n"
-CELL = "from helper import NUMBER\nverdicts = [{'run_index': i, 'judgement': 'pass'} for i in runs['run_index'].to_pylist()]"
+CELL = "from helper import NUMBER\nverdicts = [{'run_index': i, 'judgment': 'pass'} for i in runs['run_index'].to_pylist()]"
 CODE_CELL = {"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": CELL}
 FILES = {
     "noise.txt": "0.1 0.2",
@@ -19,7 +19,7 @@ FILES = {
     "own.py": f"""{SLOW}
 from helper import NUMBER
 from pathlib import Path
-from vastflow.oracles.judgement import oracle
+from vastflow.oracles.judgment import oracle
 from vastflow.producers.model.configuration import Fragment
 from vastflow.producers.model.producer import Parameters, Producer
 

@@ -9,7 +9,7 @@ from command_line import called
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.results.past import newest_past, past_of
-from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.tasks.keys.source import installed_tree
 

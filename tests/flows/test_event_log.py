@@ -81,9 +81,9 @@ def test_log_has_each_change_once(campaign, tmp_path):
     assert [(change.event, change.values) for change in changes if change.event != "progress"] == [
         ("stage", {"stage": "running"}),
         ("executed", {**of, "runs": [0, 1, 2], "simulated_s": 6.0}),
-        ("verdicts", {**of, "judgement": "pass", "reason": None, "runs": [0]}),
-        ("verdicts", {**of, "judgement": "fail", "reason": "contact", "runs": [1]}),
-        ("verdicts", {**of, "judgement": "fail", "reason": "lost", "runs": [2]}),
+        ("verdicts", {**of, "judgment": "pass", "reason": None, "runs": [0]}),
+        ("verdicts", {**of, "judgment": "fail", "reason": "contact", "runs": [1]}),
+        ("verdicts", {**of, "judgment": "fail", "reason": "lost", "runs": [2]}),
         ("fault", {"configuration": "hall-1", "run_index": 1, "stage": "execute", "error": "broken"}),
         ("notice", {"text": "a notice"}),
     ]
@@ -196,7 +196,7 @@ def followed(place, *events):
 
 
 BEGAN = ("began", {"name": "room"})
-FAILED = {"configuration": "room-1", "family": "room", "judgement": "fail", "reason": "contact", "runs": [0, 1, 4]}
+FAILED = {"configuration": "room-1", "family": "room", "judgment": "fail", "reason": "contact", "runs": [0, 1, 4]}
 PROGRESS = {"phase": "running", "runs_done": 4, "runs_total": 4, "configurations_total": 1, "passed": 1, "failed": 3}
 
 
@@ -232,8 +232,8 @@ def test_show_follow_refuses_folder_where_nothing_runs(tmp_path):
 
 def test_lines_name_runs_that_did_not_pass():
     fault = {"configuration": "", "run_index": None, "stage": "report", "error": "broken"}
-    unjudged = {**FAILED, "judgement": "not judged", "reason": None, "runs": [2]}
-    events = [("fault", fault), ("verdicts", unjudged), ("verdicts", {**FAILED, "judgement": "pass"}), BEGAN]
+    unjudged = {**FAILED, "judgment": "not judged", "reason": None, "runs": [2]}
+    events = [("fault", fault), ("verdicts", unjudged), ("verdicts", {**FAILED, "judgment": "pass"}), BEGAN]
     lines = [line for event in events for line in lines_of(Event(datetime.now(UTC), *event))]
     assert lines == ["fault: campaign, report: broken", "room-1 run 2 not judged"]
     assert runs_text([0, 1, 2, 5, 7, 8]) == "runs 0–2, 5, 7–8"

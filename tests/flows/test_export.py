@@ -22,7 +22,7 @@ from vastflow.flows.cli import export as export_command
 from vastflow.flows.export.export import export
 from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, case_of, files_of
-from vastflow.oracles.judgement.verdict import Metric, Verdict
+from vastflow.oracles.judgment.verdict import Metric, Verdict
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.archive import table, write_behaviors, write_outputs
 from vastflow.sim.model.blocks import write_recordings

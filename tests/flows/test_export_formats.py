@@ -12,7 +12,7 @@ from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.export.conformance import CHECKS, sample_campaigns
 from vastflow.flows.export.format import Format, format_of
-from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.faults import UserError

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from vastflow.oracles.evidence.wide import WIDE_FILE, wide_table, write_wide
-from vastflow.oracles.judgement.notebook import read_cells
+from vastflow.oracles.judgment.notebook import read_cells
 from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
 from vastflow.oracles.results.tables import read_tables
 
@@ -31,8 +31,8 @@ def write(folder, configurations, *, unrecorded=()):
                 runs.append({**run, "seed": f"{name}{k}", "outcome": "reached", "distance_m": k + 0.5, "contacts": 0})
             metrics = {"min_distance": {"value": 0.1 * k, "unit": "m"}} if letter != "n" else {}
             verdicts += [
-                {**run, "oracle": "success", "judgement": "pass", "reason": "", "metrics": "{}"},
-                {**run, "oracle": "safety", "judgement": SAID[letter], "reason": "", "metrics": json.dumps(metrics)},
+                {**run, "oracle": "success", "judgment": "pass", "reason": "", "metrics": "{}"},
+                {**run, "oracle": "safety", "judgment": SAID[letter], "reason": "", "metrics": json.dumps(metrics)},
             ]
     tables = {"configurations": (rows, CONFIGURATIONS), "runs": (runs, RUNS)}
     tables |= {"verdicts": (verdicts, VERDICTS), "rejections": ([], REJECTIONS)}

@@ -41,7 +41,7 @@ class Own(Producer[Parameters]):
 ORACLE = """
 import json, os
 from pathlib import Path
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 import limits
 
 class Limited(Oracle[Parameters]):

@@ -13,7 +13,7 @@ from vastflow.sim.model.digest import file_digest
 from vastflow.tasks.store.store import open_store
 
 ORACLE = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 
 
 class OwnParameters(Parameters):
@@ -69,7 +69,7 @@ def test_lineage_leads_from_verdicts_to_campaign_file_by_keys_in_the_store(direc
 def test_lineage_tells_oracles_robot_seed_and_what_each_producer_wrote(directory, store):
     steps = steps_of(directory, store, "room-2")
     own = steps["judge"].facts["oracles"][1]
-    assert (own["oracle"], own["judgement"], own["parameters"]) == ("own.py:Own", "not judged", {"most": 3})
+    assert (own["oracle"], own["judgment"], own["parameters"]) == ("own.py:Own", "not judged", {"most": 3})
     metadata = json.loads((directory / "metadata.json").read_text())
     assert own["source"] == metadata["oracles"][1]["source"]
     executed = steps["execute"].facts

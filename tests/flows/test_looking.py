@@ -52,7 +52,7 @@ class Words(Producer[Parameters]):
 """
 ORACLE = """
 import sys
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 {imported}
 class Leaver(Oracle):
     Parameters = Parameters

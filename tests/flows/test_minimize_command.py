@@ -30,7 +30,7 @@ CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 pytestmark = pytest.mark.timeout(900)
 
 ORACLE = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 
 
 class Own(Oracle[Parameters]):

@@ -16,7 +16,7 @@ def tables(verdicts, rejections=(), more=(), **metadata):
     rows = [{"family": family, "name": name, "duplicate_of": None, "scenario": "{}"} for family, name in names]
     rows += more
     configurations = ConfigurationTable(pa.Table.from_pylist(rows, CONFIGURATIONS))
-    keys = ("family", "configuration", "run_index", "oracle", "judgement")
+    keys = ("family", "configuration", "run_index", "oracle", "judgment")
     judged = [{**dict(zip(keys, each, strict=True)), "reason": "", "metrics": "{}"} for each in verdicts]
     return Tables(
         directory=None,

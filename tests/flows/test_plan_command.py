@@ -77,12 +77,12 @@ def configurations_of(campaign_file):
 
 def test_plan_counts_configurations_and_their_losses(rich_room):
     found = as_json(rich_room)
-    counts = {name: found["coverage"][name] for name in ("realised", "unrealisable", "excluded", "duplicate")}
-    assert counts == {"realised": 2, "unrealisable": 1, "excluded": 1, "duplicate": 1}
+    counts = {name: found["coverage"][name] for name in ("realized", "unrealizable", "excluded", "duplicate")}
+    assert counts == {"realized": 2, "unrealizable": 1, "excluded": 1, "duplicate": 1}
     assert (found["configurations"], found["stages"]["execute"]) == (2, {"reused": 0, "computed": 4})
     room = found["coverage"]["families"]["room"]
     assert (room["design"]["kind"], room["excluded_by"]) == ("cartesian", {"see_enough": 1})
-    assert room["unrealisable_by"]["PathVariationRandom"]["count"] == 1
+    assert room["unrealizable_by"]["PathVariationRandom"]["count"] == 1
     printed = planned(rich_room).stdout
     assert "200 m" in printed and "1 ×  room  see_enough" in printed and "dimension" not in printed
     printed = planned(rich_room, "--coverage").stdout

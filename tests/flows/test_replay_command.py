@@ -13,7 +13,7 @@ from PIL import Image
 from room import SMALL_ROOM, drawn_room
 from whole_directory import ConfigurationResult, write_results
 
-from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.model.archive import write_behaviors

@@ -10,7 +10,7 @@ from vastflow.flows.request.run_request import SEQUENTIAL
 from vastflow.flows.results import current_report
 from vastflow.flows.results.current_report import report_key
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.oracles.judgement.registry import oracle_of
+from vastflow.oracles.judgment.registry import oracle_of
 from vastflow.tasks.keys.keys import Keys
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])

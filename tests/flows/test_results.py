@@ -16,7 +16,7 @@ from whole_directory import ConfigurationResult, write_results
 from vastflow.flows.results.results import write_map
 from vastflow.flows.results.rows import complete, one_block
 from vastflow.flows.results.summary import Summary
-from vastflow.oracles.judgement.verdict import Metric, Verdict
+from vastflow.oracles.judgment.verdict import Metric, Verdict
 from vastflow.oracles.observation.trace import NOWHERE_MM
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.results.tables import read_tables
@@ -38,8 +38,8 @@ def blocks_of(*blocks):
     return [write_recordings([recording(k) for k in block]) for block in blocks]
 
 
-def found_of(runs, judgement="pass"):
-    verdicts = [Verdict("success", k, judgement, "", {"time": Metric(10.0, "s")}) for k in runs]
+def found_of(runs, judgment="pass"):
+    verdicts = [Verdict("success", k, judgment, "", {"time": Metric(10.0, "s")}) for k in runs]
     return ConfigurationResult(blocks_of(runs), blocks_of(runs), verdicts)
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vastflow.flows.results.rows import KeptRows, StoredResult, copies_in, parts, rows_of
-from vastflow.oracles.judgement.verdict import Verdict, write_verdicts
+from vastflow.oracles.judgment.verdict import Verdict, write_verdicts
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.blocks import write_recordings
@@ -36,15 +36,15 @@ def store(tmp_path):
 def result(store):
     """Makes stored results of two runs that end as told."""
 
-    def make(judgement="fail", faults=(), causes=((1, "planner"),), **more):
+    def make(judgment="fail", faults=(), causes=((1, "planner"),), **more):
         runs = [Recording(Run(k, str(k), "succeeded", 0, "", 1.5, 2.0, 0, 0), {}) for k in range(2)]
         behaviors = write_behaviors({k: {"t_s": np.array([0.5 * k])} for k in range(2)})
         files = {"recordings.parquet": write_recordings(runs), "behaviors.arrow": behaviors}
         recordings = store.put(
             "execute/aa/a/0-2", files, {"runs": [[0, 1.0], [1, 1.0]]}, sidecar={"runlog.json": b'{"runs": []}'}
         )
-        verdicts = write_verdicts([Verdict("success", k, judgement) for k in range(2)])
-        judged = store.put(f"judge/aa/{judgement}", {"verdicts.json": verdicts}, {"runs": [], "causes": causes})
+        verdicts = write_verdicts([Verdict("success", k, judgment) for k in range(2)])
+        judged = store.put(f"judge/aa/{judgment}", {"verdicts.json": verdicts}, {"runs": [], "causes": causes})
         block = Block(recordings.key, 0, 2, recordings.content)
         return StoredResult(store, [Stored(block, recordings, None, judged)], 2, faults, **more)
 

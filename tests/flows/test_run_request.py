@@ -128,7 +128,7 @@ def test_map_dir_holds_maps_missing_beside_the_file(apart, tmp_path):
     assert "--map-dir" in refused("validate", file)
     options = ["--map-dir", maps, "--sample", 1, "--results", tmp_path]
     said = json.loads(called("plan", file, *options, "--json").stdout)
-    assert (said["coverage"]["realised"], said["configurations"], said["sampled_from"]) == (2, 1, 2)
+    assert (said["coverage"]["realized"], said["configurations"], said["sampled_from"]) == (2, 1, 2)
     assert said["stages"]["execute"] == {"reused": 0, "computed": 2}
     assert "a sample of 1 of 2 distinct configurations" in called("plan", file, *options).stdout
     request = deployed(file, "--map-dir", maps, "--sample", 3)

@@ -39,7 +39,7 @@ scenario kind:
 """
 PROGRAM = "printf 'kind\\n%s\\n' \"$1\" > kind.csv\n"
 ORACLE = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 
 
 class Kind(Oracle[Parameters]):
@@ -106,10 +106,10 @@ def runs_of(result, table="runs"):
     return {kind: len(found) for kind, found in indices.items()}
 
 
-def judgements_of(result):
+def judgments_of(result):
     """Return the verdict of every oracle on every run; recordings of programs may differ in bytes."""
     rows = pq.read_table(result.directory / "verdicts.parquet").to_pylist()
-    return [tuple(row[key] for key in ("configuration", "run_index", "oracle", "judgement")) for row in rows]
+    return [tuple(row[key] for key in ("configuration", "run_index", "oracle", "judgment")) for row in rows]
 
 
 def content(result):
@@ -142,7 +142,7 @@ def test_runs_of_fixed_campaign_are_reused(first, run, monkeypatch):
         patch.setattr(flow_call.FlowCall, "run", lambda *_: pytest.fail("Prefect was started"))
         ended = run(store="fixed")
     assert (ended.summary.executed, ended.summary.reused, ended.summary.runs) == (0, 58, 58)
-    assert judgements_of(ended) == judgements_of(first)
+    assert judgments_of(ended) == judgments_of(first)
     assert runs_of(ended) == ENDS
 
 

@@ -38,7 +38,7 @@ evaluation:
     - own.py:Even
 """
 ORACLE = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 
 
 class EvenParameters(Parameters):
@@ -117,7 +117,7 @@ def test_observe_and_judge_give_traces_and_verdicts_of_file_oracles(traces, verd
     assert [trace.run.run_index for trace in traces.of("left-2-2")] == [0, 1]
     assert traces.table("left-2-2").num_rows == 0  # nothing has signals without a robot
     assert verdicts.oracles == ("success", "own.py:Even")
-    assert [(v.oracle, v.run_index, v.judgement) for v in verdicts.of("right-1-1")] == [
+    assert [(v.oracle, v.run_index, v.judgment) for v in verdicts.of("right-1-1")] == [
         ("success", 0, "pass"),
         ("own.py:Even", 0, "pass"),
         ("success", 1, "pass"),
@@ -167,7 +167,7 @@ def test_judge_by_other_parameters_executes_nothing_and_returns_faults(place, tr
         (0, "judge", "ValueError: this one")
     ] * 3
     said = [verdict for verdict in verdicts.of("right-1-1") if verdict.run_index == 0]
-    assert [verdict.judgement for verdict in said] == ["not judged"] * 2
+    assert [verdict.judgment for verdict in said] == ["not judged"] * 2
     assert said[0].reason == "fault in judge: ValueError: this one"
     assert repr(verdicts).endswith("judged by success, own.py:Even, 3 faults>")
 

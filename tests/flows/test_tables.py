@@ -12,7 +12,7 @@ from whole_directory import ConfigurationResult
 
 from vastflow.flows.results.rows import rows_of, run_columns, verdict_columns
 from vastflow.flows.results.tables import LOGS_FILE, KeptLogs, RunTables, configuration_row, instance_row
-from vastflow.oracles.judgement.verdict import Metric, Verdict, read_verdicts, write_verdicts
+from vastflow.oracles.judgment.verdict import Metric, Verdict, read_verdicts, write_verdicts
 from vastflow.oracles.results import schema
 from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS, json_text, write_table
 from vastflow.oracles.statistics.intervals import Counts
@@ -116,8 +116,8 @@ def behaviors(runs):
     return write_behaviors({k: {"t_s": np.array([0.5 * k]), "name": np.array(["drive"], object)} for k in runs})
 
 
-def found_of(*blocks, judgement="pass", **more):
-    verdicts = [Verdict(oracle, k, judgement) for block in blocks for k in block for oracle in ORACLES]
+def found_of(*blocks, judgment="pass", **more):
+    verdicts = [Verdict(oracle, k, judgment) for block in blocks for k in block for oracle in ORACLES]
     return ConfigurationResult(verdicts=verdicts, behaviors=[behaviors(block) for block in blocks], **more)
 
 
@@ -153,7 +153,7 @@ def test_run_tables_write_the_same_rows_in_groups_of_any_size(tmp_path, monkeypa
 
 def test_run_tables_count_verdicts_by_oracle_and_together(tmp_path):
     fault = RunFault("room-3", None, "execute", "MemoryError")
-    results = (found_of(range(3)), found_of(range(2), judgement="fail"), ConfigurationResult(faults=[fault]))
+    results = (found_of(range(3)), found_of(range(2), judgment="fail"), ConfigurationResult(faults=[fault]))
     found = written(tmp_path, *results)
     assert [found.counts(oracle) for oracle in (None, *ORACLES)] == [Counts(3, 2, 4)] * 3
     assert found.faults == [fault]

@@ -9,7 +9,7 @@ from table import each_row
 from vastflow.oracles.catalog.navigation import spectral_arc_length, stops
 from vastflow.oracles.catalog.performance import path_rmse_m, resampled
 from vastflow.oracles.catalog.robustness import full_meters
-from vastflow.oracles.judgement.registry import OracleError, oracle_of
+from vastflow.oracles.judgment.registry import OracleError, oracle_of
 from vastflow.oracles.observation.goals import missed_goals
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import Situation
@@ -31,7 +31,7 @@ def along(y_m=0.0, to_x_m=10.0, rows=101):
 def judged(
     oracle, xy_m, *obstacles, outcome="succeeded", reason="", missed=0, events=(), reference=STRAIGHT, parameters=None, **columns
 ):  # fmt: skip
-    """The verdict as judgement, reason, and values of metrics."""
+    """The verdict as judgment, reason, and values of metrics."""
     xy = np.asarray(xy_m, dtype=float).reshape(-1, 2)
     run = Run(3, "0", outcome, 0, reason, 20.0, 10.0, 2, missed, tuple(events))
     signals = {"t_s": np.arange(len(xy)) * 0.1, "x_m": xy[:, 0], "y_m": xy[:, 1]}
@@ -39,14 +39,14 @@ def judged(
     situation = Situation(Pose(0.0, 0.0), (Pose(10.0, 0.0),), obstacles, circumscribed_radius_m=0.15)
     verdict = oracle_of(oracle, parameters or {}).judge(Trace(run, signals, reference), situation)
     assert verdict.run_index == 3
-    return verdict.judgement, verdict.reason, {name: metric.value for name, metric in verdict.metrics.items()}
+    return verdict.judgment, verdict.reason, {name: metric.value for name, metric in verdict.metrics.items()}
 
 
 # success
 
 
 @each_row(
-    ("xy_m", "given", "judgement", "reason"),
+    ("xy_m", "given", "judgment", "reason"),
     [
         (along(0.2), {}, "pass", ""),
         (along(), {"outcome": "aborted", "reason": "no path"}, "fail", "mission aborted: no path"),
@@ -56,9 +56,9 @@ def judged(
         (NO_ROWS, {"outcome": "aborted"}, "fail", "mission aborted"),
     ],
 )
-def test_success_judges_outcome(xy_m, given, judgement, reason):
+def test_success_judges_outcome(xy_m, given, judgment, reason):
     found = judged("success", xy_m, **given)
-    assert found[:2] == (judgement, reason)
+    assert found[:2] == (judgment, reason)
     final_m = None if len(xy_m) == 0 else pytest.approx(xy_m[-1, 1], abs=1e-12)
     rest = {"time": 20.0, "distance": 10.0, "recoveries": 2, "missed_goals": given.get("missed", 0)}
     assert found[2] == {"final_distance": final_m, **rest}
@@ -79,9 +79,9 @@ def test_success_fails_mission_through_poses_without_its_first_goals(xy_m, misse
     xy, run = np.array(xy_m, dtype=float), Run(3, "0", "succeeded", 0, "", 0.2, 0.0, 0, 0, ())
     trace = Trace(run, {"t_s": 0.1 * np.arange(len(xy)), "x_m": xy[:, 0], "y_m": xy[:, 1]}, STRAIGHT)
     verdict = oracle_of("success", {}).judge(trace, situation)
-    assert (verdict.judgement, verdict.reason) == (("fail", "never passed 1 of 2 goals") if missed else ("pass", ""))
+    assert (verdict.judgment, verdict.reason) == (("fail", "never passed 1 of 2 goals") if missed else ("pass", ""))
     assert verdict.metrics["missed_goals"].value == missed
-    assert oracle_of("success", {"allow_missed": True}).judge(trace, situation).judgement == "pass"
+    assert oracle_of("success", {"allow_missed": True}).judge(trace, situation).judgment == "pass"
     efficient = oracle_of("navigation", {}).judge(trace, situation).metrics["spl"].value
     assert efficient == 0.0 if missed else efficient > 0.0
 
@@ -130,7 +130,7 @@ def test_goal_beside_the_start_is_passed_where_nav2_takes_it_for_passed(true_m, 
 
 
 @each_row(
-    ("xy_m", "given", "judgement", "metrics"),
+    ("xy_m", "given", "judgment", "metrics"),
     [
         (along(0.3), {}, "pass", {"rmse": 0.3, "length_ratio": 1.0, "threshold": 2.2}),
         (along(0.3), {"parameters": {"local_robot_radius_m": 0.03}}, "pass", {"threshold": 0.3}),  # exactly the bound
@@ -143,9 +143,9 @@ def test_goal_beside_the_start_is_passed_where_nav2_takes_it_for_passed(true_m, 
         (NO_ROWS, {}, "not judged", {"reference_length": 10.0}),
     ],
 )  # fmt: skip
-def test_performance_compares_path_with_reference(xy_m, given, judgement, metrics):
+def test_performance_compares_path_with_reference(xy_m, given, judgment, metrics):
     found = judged("performance", xy_m, **given)
-    assert found[0] == judgement
+    assert found[0] == judgment
     assert {name: found[2][name] for name in metrics} == pytest.approx(metrics)
 
 
@@ -179,7 +179,7 @@ NONE_THERE = {"smallest_separation": None, "margin": None}
 
 
 @each_row(
-    ("separation_m", "parameters", "judgement", "metrics"),
+    ("separation_m", "parameters", "judgment", "metrics"),
     [
         # The paper's cubes: required 0.554 and 0.766 m, or 0.633 and 0.893 m read in space.
         ({box(0.5): 1.0}, {}, "pass", {"margin": 1.0 - 0.554}),
@@ -197,9 +197,9 @@ NONE_THERE = {"smallest_separation": None, "margin": None}
         ({box(0.5): np.inf}, {}, "pass", NONE_THERE),
     ],
 )  # fmt: skip
-def test_safety_requires_separation(separation_m, parameters, judgement, metrics):
+def test_safety_requires_separation(separation_m, parameters, judgment, metrics):
     found = passing(separation_m, **parameters)
-    assert found[0] == judgement
+    assert found[0] == judgment
     assert {name: found[2][name] for name in metrics} == pytest.approx(metrics, abs=5e-4)
 
 
@@ -263,8 +263,8 @@ def test_robustness_measures_every_basis():
 def test_robustness_judges_by_requested_basis(basis, what):
     found = localized([0, 10, 20, 40, 80], [0, 1, 0, 1, 0], [0, 0.5, 1.7, 2.4, 2.5], basis=basis, threshold_m=0.01)
     assert found[:2] == ("fail", f"{what}, more than 0.01 m")
-    for error_mm, judgement in ((300, "pass"), (301, "fail")):
-        expected = "pass" if basis == "metre" else judgement  # no meter is full
+    for error_mm, judgment in ((300, "pass"), (301, "fail")):
+        expected = "pass" if basis == "metre" else judgment  # no meter is full
         assert localized([0, error_mm], [0, 1], basis=basis)[0] == expected
 
 
@@ -376,7 +376,7 @@ def answered(speed_mps, obstacles, appears_s, **parameters):
         ):
             columns[name] = np.minimum(columns.get(name, math.inf), apart_m)
     verdict = oracle_of("safety", parameters).judge(Trace(run, columns, NoReference("none is needed")), situation)
-    return verdict.judgement, {name: metric.value for name, metric in verdict.metrics.items()}
+    return verdict.judgment, {name: metric.value for name, metric in verdict.metrics.items()}
 
 
 CRUISE, BRAKE = [0.5] * 11, [0.4, 0.2, 0.0]  # rows 0..10, then at 1 and 2 m/s²
@@ -418,7 +418,7 @@ BARREL = Obstacle("drum", "cylinder", Pose(0.45, 0.0), 0.5, 0.5)
 
 
 @each_row(
-    ("speed_mps", "obstacle", "appears_s", "judgement", "metrics"),
+    ("speed_mps", "obstacle", "appears_s", "judgment", "metrics"),
     [
         # The required separation from a cube of 0.5 m is 0.5536 m. Centers 0.60, 0.55, 0.50, 0.50, 0.50 m apart: 3.5 steps.
         ([0.5, 0.5, 0.5, 0.0, 0.0], carton(0.6, appears=False), {}, "fail", {"violation_time": 0.35, "violation_clearance": 0.1}),
@@ -429,6 +429,6 @@ BARREL = Obstacle("drum", "cylinder", Pose(0.45, 0.0), 0.5, 0.5)
         ([0.0, 0.0], BARREL, {}, "pass", {"margin": 0.0}),
     ],
 )  # fmt: skip
-def test_violation_has_duration_and_clearance(speed_mps, obstacle, appears_s, judgement, metrics):
+def test_violation_has_duration_and_clearance(speed_mps, obstacle, appears_s, judgment, metrics):
     said, found = answered(speed_mps, [obstacle], appears_s)
-    assert (said, {name: found[name] for name in metrics}) == (judgement, pytest.approx(metrics))
+    assert (said, {name: found[name] for name in metrics}) == (judgment, pytest.approx(metrics))

@@ -154,7 +154,7 @@ def test_matched_sets_have_first_runs_of_stopped_campaign(synthetic_campaign, ad
 
 @pytest.fixture
 def judged(synthetic_campaign):
-    """A function that writes one configuration from oracle to judgement and metrics (m) of each run, and reads its tables."""
+    """A function that writes one configuration from oracle to judgment and metrics (m) of each run, and reads its tables."""
 
     def tables(oracles, parameters=None):
         row = {"name": "a", "family": "f", "abstract": "x", "scenario": "{}", "factors": "{}", "provenance": "{}"}
@@ -165,11 +165,11 @@ def judged(synthetic_campaign):
                 "family": "f",
                 "run_index": k,
                 "oracle": oracle,
-                "judgement": judgement,
+                "judgment": judgment,
                 "metrics": json.dumps({name: {"value": value, "unit": "m"} for name, value in metrics.items()}),
             }
             for oracle, runs in oracles.items()
-            for k, (judgement, metrics) in enumerate(runs)
+            for k, (judgment, metrics) in enumerate(runs)
         ]
         asked = [{"name": name, "parameters": values} for name, values in (parameters or {}).items()]
         synthetic_campaign.metadata = {"oracles": asked}
@@ -194,7 +194,7 @@ MARGINS = [("pass", {"margin": 0.4}), ("pass", {"margin": 0.21}), ("not judged",
 )  # fmt: skip
 def test_criterion_names_nearest_score(judged, oracle, runs, text, score):
     (found,) = criteria_of(judged({oracle: runs}, {oracle: {"basis": "update"}}))
-    count = sum(judgement != "not judged" for judgement, _ in runs)
+    count = sum(judgment != "not judged" for judgment, _ in runs)
     assert criterion_text(found).replace("\xa0", " ") == f"separates nothing here: all {count} judged runs {text}"
     expected = {"passed": text.startswith("pass"), "runs": count}
     expected |= dict(zip(("metric", "unit", "nearest", "threshold"), score, strict=False))
@@ -207,10 +207,10 @@ def test_criteria_leave_out_oracles_that_separate_or_measure(judged):
     assert criteria_of(judged(oracles)) == []
 
 
-@each_row(("name", "judgement", "values"), [("margin", "pass", (0.2, 0.5)), ("update", "fail", (0.4, 0.8))])
-def test_threshold_figure_shows_pass_rates(judged, name, judgement, values):
+@each_row(("name", "judgment", "values"), [("margin", "pass", (0.2, 0.5)), ("update", "fail", (0.4, 0.8))])
+def test_threshold_figure_shows_pass_rates(judged, name, judgment, values):
     oracle = "safety" if name == "margin" else "robustness"
-    runs = [(judgement, {name: value, "threshold": 0.3}) for value in values]
+    runs = [(judgment, {name: value, "threshold": 0.3}) for value in values]
     (found,) = criteria_of(judged({oracle: runs}, {oracle: {"basis": "update"}}))
     line = threshold_figure(found, found.score).axes[0].lines[0]
     at, rate = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.registry import oracles_of
+from vastflow.oracles.judgment.judge import judge_block
+from vastflow.oracles.judgment.registry import oracles_of
 from vastflow.oracles.observation.observe import ScenarioObserver, observe_block
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import Situation, situation_of
@@ -217,7 +217,7 @@ def test_run_is_observed_equally_alone_and_in_block(room, build):
 
 
 SHIFTS = """\
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 
 class Shifts(Oracle[Parameters]):
     Parameters = Parameters
@@ -235,10 +235,10 @@ def test_block_is_judged_run_by_run_in_order_of_oracles(room, build, tmp_path):
     block = write_recordings(runs)
     traces = observe_block(scenario, block)
     verdicts = judge_block(scenario, block, traces, oracles_of([("performance", {}), ("safety", {})])).verdicts
-    assert [(v.run_index, v.oracle, v.judgement) for v in verdicts] == [
-        (run, oracle, judgement)
+    assert [(v.run_index, v.oracle, v.judgment) for v in verdicts] == [
+        (run, oracle, judgment)
         for run, success in ((0, "pass"), (1, "fail"))
-        for oracle, judgement in (("success", success), ("performance", "pass"), ("safety", "fail"))
+        for oracle, judgment in (("success", success), ("performance", "pass"), ("safety", "fail"))
     ]
     (tmp_path / "shifts.py").write_text(SHIFTS)
     with pytest.raises(ValueError, match="read-only"):

@@ -22,18 +22,18 @@ def start(x_m):
     return {"start_pose": {"position": {"x": x_m, "y": 1.525}, "orientation": {"yaw": 0.0}}}
 
 
-def family(kind="cartesian", *, rows, product, realised, duplicate=0, rejected=None, factors=()):
+def family(kind="cartesian", *, rows, product, realized, duplicate=0, rejected=None, factors=()):
     return {
         "design": {"kind": kind, "rows": rows, "product": product, "size": rows},
-        "realised": realised,
+        "realized": realized,
         "duplicate": duplicate,
-        "unrealisable_by": {name: {"count": n} for name, n in (rejected or {}).items()},
+        "unrealizable_by": {name: {"count": n} for name, n in (rejected or {}).items()},
         "factors": [{"name": name, "levels": levels} for name, levels in factors],
     }
 
 
 def coverage(of_family):
-    return {"families": {"0": of_family}, "duplicate": of_family["duplicate"], "realised": of_family["realised"]}
+    return {"families": {"0": of_family}, "duplicate": of_family["duplicate"], "realized": of_family["realized"]}
 
 
 def margins(footprint_m, cube_m):
@@ -60,8 +60,8 @@ def safety(build, tmp_path):
         ("a-4", 1, "safety", "pass", margins(0.4, 0.2)),
     ]
     made = build.campaign(tmp_path / "safety")
-    for configuration, run_index, oracle, judgement, metrics in verdicts:
-        row = {"configuration": configuration, "run_index": run_index, "oracle": oracle, "judgement": judgement}
+    for configuration, run_index, oracle, judgment, metrics in verdicts:
+        row = {"configuration": configuration, "run_index": run_index, "oracle": oracle, "judgment": judgment}
         made.verdicts.append({**row, "metrics": json.dumps(metrics)})
     for k, (configuration, simulated_s, distance_m, stood_still) in enumerate(runs):
         moved = {"simulated_s": simulated_s, "distance_m": distance_m, "stood_still": stood_still}
@@ -78,7 +78,7 @@ def safety(build, tmp_path):
     counts = {"executed": len(runs), "simulated_s": 100.0, "cpu_s": 20.0, "oracles": said}
     made.metadata = {"name": "paper-safety-original-maps", "counts": counts, "host": {"cpus": 2}, "asked": {"runs": 2}}
     directory = made.write()
-    found = coverage(family(rows=4, product=4, realised=2, duplicate=2))
+    found = coverage(family(rows=4, product=4, realized=2, duplicate=2))
     (directory / "coverage.json").write_text(json.dumps(found))
     build.write_map(directory / "environments" / "room", build.walled_room(3.0, 3.0))
     (directory / "logs").mkdir()
@@ -101,8 +101,8 @@ NO_ROOM = {"PathVariationRandom": 6, "OneOfVariation": 6}
 @each_row(
     ("rows", "requested"),
     [
-        (family(rows=132, product=432, realised=102, duplicate=30, rejected=NO_ROOM, factors=ROOMS), (432, 288, 12, 30, 102)),
-        (family("sample", rows=100, product=1262, realised=100, rejected={"PathVariationRasterized": 4}), (100, 0, 0, 0, 100)),
+        (family(rows=132, product=432, realized=102, duplicate=30, rejected=NO_ROOM, factors=ROOMS), (432, 288, 12, 30, 102)),
+        (family("sample", rows=100, product=1262, realized=100, rejected={"PathVariationRasterized": 4}), (100, 0, 0, 0, 100)),
     ],
 )  # fmt: skip
 def test_requests_count_missing_paths_with_all_that_follows(rows, requested):

@@ -299,7 +299,7 @@ def test_campaigns_without_judged_runs_have_reports(synthetic_campaign, room, bu
     assert "Nothing was run: no configuration could be built." in page.text
     assert REASON in page.text and page.misnested == []
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(LINE)])
-    synthetic_campaign.verdicts = [{**row, "judgement": "not judged"} for row in synthetic_campaign.verdicts]
+    synthetic_campaign.verdicts = [{**row, "judgment": "not judged"} for row in synthetic_campaign.verdicts]
     written(synthetic_campaign)
     evidence = json.loads((synthetic_campaign.directory / "evidence.json").read_text())
     assert evidence["all_oracles"]["campaign"]["rate"] is None
@@ -341,9 +341,9 @@ BOTH = {"factors": ["noise", "radius"], **NOISE}
 COVERED = {
     "requested": 1234,
     "excluded": 1100,
-    "unrealisable": 30,
+    "unrealizable": 30,
     "duplicate": 4,
-    "realised": 100,
+    "realized": 100,
     "valid": 130,
     "share": 100 / 130,
     "t_way": {"strength": 2, **NOISE, "pairs": [BOTH], "pairs_not_listed": 7},
@@ -352,7 +352,7 @@ QUIET = {
     **COVERED,
     "design": {"kind": "t_way", "strength": 2, "rows": 104, "product": 9000, "lower_bound": 96},
     "excluded_by": {"see_<enough>": 1100},
-    "unrealisable_by": {"PathVariationRandom": {"count": 30, "reasons": {REASON: 30}, "reasons_not_listed": 0}},
+    "unrealizable_by": {"PathVariationRandom": {"count": 30, "reasons": {REASON: 30}, "reasons_not_listed": 0}},
     "dimensions": {"system": {**BOTH, "distinct": 2}},
 }
 

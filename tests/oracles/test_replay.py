@@ -114,7 +114,7 @@ def test_close_up_draws_truth_belief_and_map(close_up):
     _, color_at = close_up()
     assert near(color_at(1.5, 2.0 - 0.1), rgb(INK))  # the true body
     assert near(color_at(GOAL.x_m, GOAL.y_m), rgb(GOAL_COLOR))
-    red, green, blue = color_at(1.15, 2.0)  # the path has the color of its judgement
+    red, green, blue = color_at(1.15, 2.0)  # the path has the color of its judgment
     assert red > green + 50 > blue + 50
     assert [color_at(*at) for at in ((2.0, 0.01), (0.5, 3.0), (0.5, 3.8))] == [WALL, FREE, UNKNOWN]
     red, green, blue = color_at(2.3, 2.8)  # the obstacle that has appeared

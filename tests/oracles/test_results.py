@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from synthetic import walled_room, write_map
 from table import each_row
 
-from vastflow.oracles.judgement.verdict import run_judgement
+from vastflow.oracles.judgment.verdict import run_judgment
 from vastflow.oracles.results import schema
 from vastflow.oracles.results.executed import NAMED_FILES, KeptFiles, environment_names, kept_map
 from vastflow.oracles.results.factors import factors_of
@@ -26,10 +26,10 @@ from vastflow.sim.world.map_file import MapError, map_content
 NAMES = ["a", "b", "c"]
 
 
-def verdict(configuration="a", run_index=0, oracle="success", judgement="pass", reason="", **metrics):
+def verdict(configuration="a", run_index=0, oracle="success", judgment="pass", reason="", **metrics):
     values = {name: {"value": value, "unit": "m"} for name, value in metrics.items()}
     run = {"configuration": configuration, "run_index": run_index, "oracle": oracle}
-    return {**run, "judgement": judgement, "reason": reason, "metrics": json.dumps(values)}
+    return {**run, "judgment": judgment, "reason": reason, "metrics": json.dumps(values)}
 
 
 def table_of(rows, names=NAMES):
@@ -54,9 +54,9 @@ def test_counts_match_rows_in_any_order(judged, random):
         counted = Counter((name, judged[name, run, of]) for name, run, of in judged if of == oracle)
         assert table.counts(oracle).tolist() == [[counted[name, word] for word in CODES] for name in NAMES]
     runs = {}
-    for (name, run, _), judgement in judged.items():
-        runs.setdefault((name, run), []).append(judgement)
-    together = Counter((name, run_judgement(judgements)) for (name, _), judgements in runs.items())
+    for (name, run, _), judgment in judged.items():
+        runs.setdefault((name, run), []).append(judgment)
+    together = Counter((name, run_judgment(judgments)) for (name, _), judgments in runs.items())
     assert len(table) == len(runs)
     assert table.counts(None).tolist() == [[together[name, word] for word in CODES] for name in NAMES]
 
@@ -75,14 +75,14 @@ def test_metrics_are_aligned_with_runs():
     assert table_of([verdict()]).metrics("success") == {}
 
 
-def test_reasons_belong_to_one_judgement():
-    table = table_of([verdict(reason="no"), verdict("b", 3, judgement="fail", reason="too late")])
+def test_reasons_belong_to_one_judgment():
+    table = table_of([verdict(reason="no"), verdict("b", 3, judgment="fail", reason="too late")])
     reasons = table.reasons("fail")
     assert (reasons.configuration.tolist(), reasons.reason.tolist()) == (["b"], ["too late"])
     with pytest.raises(ValueError, match=r"verdicts.parquet judges 'z', which is no row of configurations.parquet"):
         table_of([verdict("z")])
-    with pytest.raises(ValueError, match=r"has the judgement 'maybe'\. It can be pass, fail, not judged"):
-        table_of([verdict(judgement="maybe")])
+    with pytest.raises(ValueError, match=r"has the judgment 'maybe'\. It can be pass, fail, not judged"):
+        table_of([verdict(judgment="maybe")])
     with pytest.raises(ValueError, match="JSON"):
         table_of([verdict(), {**verdict(run_index=1), "metrics": "{broken"}]).metrics("success")
 
@@ -248,7 +248,7 @@ DEEP = '{"a":' * 20_000 + "1" + "}" * 20_000
 )
 def test_metrics_of_another_form_are_refused(text, message):
     """Deep ones ended the process, as pyarrow's parser recurses."""
-    row = {"configuration": "a", "family": "a", "run_index": 0, "oracle": "o", "judgement": "pass", "metrics": text}
+    row = {"configuration": "a", "family": "a", "run_index": 0, "oracle": "o", "judgment": "pass", "metrics": text}
     with pytest.raises(ValueError, match=message):
         VerdictTable(pa.Table.from_pylist([row], schema.VERDICTS), ["a"]).metrics("o")
 

@@ -48,10 +48,10 @@ def appended(place, *events, half=b""):
 
 
 def test_line_has_time_event_and_values():
-    event = Event(AT, "verdicts", {"configuration": "röm-1", "judgement": "fail", "reason": None, "runs": [0, 3]})
+    event = Event(AT, "verdicts", {"configuration": "röm-1", "judgment": "fail", "reason": None, "runs": [0, 3]})
     assert event.line == (
         b'{"at":"2026-11-21T06:05:04.123+00:00","event":"verdicts","configuration":"r\\u00f6m-1",'
-        b'"judgement":"fail","reason":null,"runs":[0,3]}\n'
+        b'"judgment":"fail","reason":null,"runs":[0,3]}\n'
     )
     assert event_of(event.line).values == event.values
 

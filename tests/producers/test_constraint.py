@@ -37,7 +37,7 @@ def test_exclusions_name_the_constraint_and_its_values():
         ("rooms", "rooms-1-2", "other", {"a": 1, "b": 6}),
     ]
     assert found.coverage["excluded_by"] == {"small": 1, "other": 1}
-    assert [found.coverage[name] for name in ("requested", "excluded", "realised")] == [3, 2, 1]
+    assert [found.coverage[name] for name in ("requested", "excluded", "realized")] == [3, 2, 1]
 
 
 def test_overwritten_key_is_checked_at_end():

@@ -27,10 +27,10 @@ def coverage(*producers, **constraints):
 
 def test_instances_are_counted_once_with_their_cause():
     found = coverage(levels("a", 1, 1, 2, 3, 4, 5), Wide(Parameters()), small="a < 5")
-    names = ("requested", "excluded", "unrealisable", "duplicate", "realised", "valid", "share")
+    names = ("requested", "excluded", "unrealizable", "duplicate", "realized", "valid", "share")
     assert [found[name] for name in names] == [6, 1, 2, 1, 2, 4, 0.5]
     assert found["excluded_by"] == {"small": 1}
-    assert found["unrealisable_by"]["Wide"]["reasons"] == {"no room for 2": 1, "no room for 4": 1}
+    assert found["unrealizable_by"]["Wide"]["reasons"] == {"no room for 2": 1, "no room for 4": 1}
     assert coverage(levels("a", 2, 4), Wide(Parameters()))["share"] == 0.0
 
 
@@ -52,7 +52,7 @@ def test_coverage_stays_readable_with_many_choices():
     found = coverage(
         *(levels(f"k{i}", *range(1, 2 + (i < 3))) for i in range(30)), levels("a", *range(2, 600)), Wide(Parameters())
     )
-    wide = found["families"]["rooms"]["unrealisable_by"]["Wide"]
+    wide = found["families"]["rooms"]["unrealizable_by"]["Wide"]
     assert len(wide["reasons"]) == MOST_LISTED
     assert wide["reasons_not_listed"] == 299 - MOST_LISTED
     assert len(json.dumps(found, indent=2)) < 60_000
@@ -65,4 +65,4 @@ def test_twenty_thousand_configurations_of_parameters_take_a_second_or_two(const
     producers = [levels(f"k{i}", *map(float, range(n))) for i, n in enumerate(sizes)]
     found = []
     assert loops(lambda: found.append(coverage(*producers, **text)), 1) < 300
-    assert found[0]["realised"] == 20_000
+    assert found[0]["realized"] == 20_000

@@ -112,7 +112,7 @@ def test_numbers_of_a_design_add_up():
     assert all(c.factors["noise"] or c.factors["path"] != "1a" for c in found.configurations)
     assert [e.name for e in found.excluded] == ["rooms-1-1-1"]
     part = found.coverage
-    assert part["requested"] == part["excluded"] + part["unrealisable"] + part["duplicate"] + part["realised"]
+    assert part["requested"] == part["excluded"] + part["unrealizable"] + part["duplicate"] + part["realized"]
     # 6 paths on 3 maps × 3 noises × 2 radii, less the 2 of the excluded path and noise; and what could not be built.
     assert part["valid"] == 6 * 3 * 2 - 2 + 1
-    assert part["share"] == pytest.approx(part["realised"] / part["valid"])
+    assert part["share"] == pytest.approx(part["realized"] / part["valid"])

@@ -64,7 +64,7 @@ def fits(found):
     ("x_m", "free"),
     [(4.0, True), (0.231, True), (0.229, False), (0.1, False), (7.769, True), (7.771, False)],
 )
-def test_given_start_is_realised_exactly_where_the_padded_footprint_fits(made, x_m, free):
+def test_given_start_is_realized_exactly_where_the_padded_footprint_fits(made, x_m, free):
     """0.22 m and 0.01 m of padding to each side along an axis."""
     assert fits(made(poses((x_m, 2.0)))) is free
 
@@ -102,7 +102,7 @@ def test_rejection_names_producer_parent_and_request(made):
     assert rejection.reason == (
         "the local costmap's footprint does not fit at start_pose (0.1, 2): it reaches 0.234 m from its center, into a wall"
     )
-    assert found.coverage["unrealisable_by"] == {
+    assert found.coverage["unrealizable_by"] == {
         "start_check": {"count": 1, "reasons": {rejection.reason: 1}, "reasons_not_listed": 0}
     }
 

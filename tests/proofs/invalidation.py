@@ -193,7 +193,7 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
     ),
     "the version of numba": (option("--version=numba=99.0"), executed(RUNS, 1)),
     "vastflow: code of the observing": (code("oracles/observation/observe.py"), {**NOTHING, "observed": BLOCKS}),
-    "vastflow: code of the judging": (code("oracles/judgement/judge.py"), {**JUDGED, "looked": RUNS}),
+    "vastflow: code of the judging": (code("oracles/judgment/judge.py"), {**JUDGED, "looked": RUNS}),
     "vastflow: what every producer extends": (code("producers/model/producer.py"), EVALUATED),
     "a damaged artifact": (
         lambda bed: next((bed.folder / "store" / "judge").glob("*/*/verdicts.json")).write_text("[]"),

@@ -57,7 +57,7 @@ execution:
 
 LOG: Final = 'with open("LOG.looked", "a") as log:\n    log.write("x\\n" * len(runs["run_index"]))'
 LOOK: Final = 'files = ["look.txt"]\nmetrics = {"look": "1"}\nlook = int(open("look.txt").read())'
-SAY: Final = 'verdicts = [{"run_index": i, "judgement": "pass", "look": look} for i in runs["run_index"].to_pylist()]'
+SAY: Final = 'verdicts = [{"run_index": i, "judgment": "pass", "look": look} for i in runs["run_index"].to_pylist()]'
 CELLS: Final = (
     ("markdown", {}, "Looks."),
     ("code", {"tags": ["parameters"]}, "most = 3"),
@@ -125,7 +125,7 @@ class Own(Producer[OwnParameters]):
 import httpx  # which it has for its version
 from pathlib import Path
 from pydantic import Field
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 from limits import HIGHEST
 from lib.deep import LOWEST
 

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from paper_published import LOCAL_PADDING_M, LOCAL_RADIUS_M, PUBLISHED, Kind, Published
 from scipy import ndimage
 
-from vastflow.oracles.judgement.verdict import Judgement, run_judgement
+from vastflow.oracles.judgment.verdict import Judgment, run_judgment
 from vastflow.oracles.results.units import units_of
 from vastflow.oracles.statistics.intervals import Counts, Interval, clustered, counts_of, pooled, wilson
 from vastflow.sim.model.faults import UserError
@@ -264,15 +264,15 @@ def paper_results(directory: Path) -> PaperResults:
         directory, "configurations", ["name", "duplicate_of", "environment", "factors", "provenance", "scenario"]
     )
     runs = _rows(directory, "runs", ["configuration", "run_index", "simulated_s", "distance_m", "stood_still"])
-    verdicts = _rows(directory, "verdicts", ["configuration", "run_index", "oracle", "judgement", "metrics"])
+    verdicts = _rows(directory, "verdicts", ["configuration", "run_index", "oracle", "judgment", "metrics"])
     counts = metadata["counts"]
-    said: dict[RunKey, list[Judgement]] = defaultdict(list)
+    said: dict[RunKey, list[Judgment]] = defaultdict(list)
     for row in verdicts:
-        said[_run(row)].append(row["judgement"])
-    judgements = {key: run_judgement(each) for key, each in said.items()}
-    of_each: dict[str, list[Judgement]] = defaultdict(list)
-    for (name, _), judgement in judgements.items():
-        of_each[name].append(judgement)
+        said[_run(row)].append(row["judgment"])
+    judgments = {key: run_judgment(each) for key, each in said.items()}
+    of_each: dict[str, list[Judgment]] = defaultdict(list)
+    for (name, _), judgment in judgments.items():
+        of_each[name].append(judgment)
     by_configuration = {name: counts_of(each) for name, each in of_each.items()}
     weights = weights_of((row["name"], row["duplicate_of"]) for row in configurations)
     blocks = units_of([json.loads(row["scenario"]) for row in configurations]).codes.tolist()
@@ -290,7 +290,7 @@ def paper_results(directory: Path) -> PaperResults:
         oracles={name: Counts(**said) for name, said in counts["oracles"].items()},
         reached=_reached(kind, verdicts),
         parts=parts_of(kind, distinct, by_configuration),
-        starts=starts_of(directory / "environments", begun, runs, judgements),
+        starts=starts_of(directory / "environments", begun, runs, judgments),
         readings=tuple(_readings(kind, verdicts)),
         ways=(_way(runs, {}), _way(runs, weights)),
         stored_bytes=sum(_stored(directory)),
@@ -314,9 +314,9 @@ def requested_of(coverage: Row) -> Requested:
             asked += design["size"]
             continue
         asked += design["product"]
-        ways = sum(by["count"] for name, by in family["unrealisable_by"].items() if name.startswith("PathVariation"))
+        ways = sum(by["count"] for name, by in family["unrealizable_by"].items() if name.startswith("PathVariation"))
         no_way += ways * _later_choices(family["factors"])
-    duplicates, distinct = coverage["duplicate"], coverage["realised"]
+    duplicates, distinct = coverage["duplicate"], coverage["realized"]
     return Requested(asked, no_way, asked - no_way - duplicates - distinct, duplicates, distinct)
 
 
@@ -337,8 +337,8 @@ def _kind(directory: Path, name: str) -> Kind:
 
 
 def _reached(kind: Kind, verdicts: list[Row]) -> Counts:
-    succeeded = {_run(row) for row in verdicts if row["oracle"] == "success" and row["judgement"] == "pass"}
-    return counts_of(row["judgement"] for row in verdicts if row["oracle"] == kind and _run(row) in succeeded)
+    succeeded = {_run(row) for row in verdicts if row["oracle"] == "success" and row["judgment"] == "pass"}
+    return counts_of(row["judgment"] for row in verdicts if row["oracle"] == kind and _run(row) in succeeded)
 
 
 def _run(row: Row) -> RunKey:
@@ -346,17 +346,17 @@ def _run(row: Row) -> RunKey:
 
 
 def _readings(kind: Kind, verdicts: list[Row]) -> Iterator[Reading]:
-    reached = {_run(row): row["judgement"] for row in verdicts if row["oracle"] == "success"}
+    reached = {_run(row): row["judgment"] for row in verdicts if row["oracle"] == "success"}
     measured = {_run(row): json.loads(row["metrics"]) for row in verdicts if row["oracle"] == kind}
     for name in READINGS.get(kind, ()):
         found = {key: (_error if kind == "robustness" else _separation)(each, name) for key, each in measured.items()}
         values = [value for value, _ in found.values() if value is not None]
-        both = counts_of(run_judgement([judgement, reached[key]]) for key, (_, judgement) in found.items())
+        both = counts_of(run_judgment([judgment, reached[key]]) for key, (_, judgment) in found.items())
         median_m = statistics.median(values) if values else None
-        yield Reading(name, counts_of(judgement for _, judgement in found.values()), both, median_m)
+        yield Reading(name, counts_of(judgment for _, judgment in found.values()), both, median_m)
 
 
-def _error(metrics: Row, basis: str) -> tuple[float | None, Judgement]:
+def _error(metrics: Row, basis: str) -> tuple[float | None, Judgment]:
     """The localization error on one basis, and what it says of the run."""
     value = metrics[basis]["value"]
     if value is None:
@@ -364,7 +364,7 @@ def _error(metrics: Row, basis: str) -> tuple[float | None, Judgement]:
     return value, "pass" if value <= metrics["threshold"]["value"] else "fail"
 
 
-def _separation(metrics: Row, radius: str) -> tuple[float | None, Judgement]:
+def _separation(metrics: Row, radius: str) -> tuple[float | None, Judgment]:
     """The margin to the required separation, under one reading of the obstacle's radius."""
     margin_m = metrics[f"{radius}_margin"]["value"]
     kept = (margin_m is None or margin_m >= 0) and not metrics["obstacle_contacts"]["value"]
@@ -427,7 +427,7 @@ def _levels(kind: Kind, factors: Row, provenance: Row) -> Iterator[tuple[str, fl
 
 
 def starts_of(
-    environments: Path, configurations: Iterable[Row], runs: Iterable[Row], judgements: Mapping[RunKey, Judgement]
+    environments: Path, configurations: Iterable[Row], runs: Iterable[Row], judgments: Mapping[RunKey, Judgment]
 ) -> Starts:
     """Sort configurations by the room they have at the start.
 
@@ -456,8 +456,8 @@ def starts_of(
 
     def begun(beside_a_wall: bool) -> Begun:
         names = {name for name, beside in near.items() if beside is beside_a_wall}
-        said = counts_of(judgement for (name, _), judgement in judgements.items() if name in names)
+        said = counts_of(judgment for (name, _), judgment in judgments.items() if name in names)
         return Begun(len(names), said, sum(name in names for name, _ in stood_still))
 
-    moved = counts_of(said for key, said in judgements.items() if key not in stood_still)
+    moved = counts_of(said for key, said in judgments.items() if key not in stood_still)
     return Starts(begun(True), begun(False), moved, Counter(stood_still.values()))

@@ -11,8 +11,8 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.registry import oracles_of
+from vastflow.oracles.judgment.judge import judge_block
+from vastflow.oracles.judgment.registry import oracles_of
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate

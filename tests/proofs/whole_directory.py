@@ -11,7 +11,7 @@ from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Results, Work
-from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.keys.keys import Keys

@@ -126,7 +126,7 @@ def test_normal_numbers_are_numpys_but_for_the_last_bit_of_its_tail(kind):
     assert ours.bit_generator.state == numpys.bit_generator.state
 
 
-FOLDERS = ("sim", "oracles/observation", "oracles/judgement", "oracles/catalog", "producers")
+FOLDERS = ("sim", "oracles/observation", "oracles/judgment", "oracles/catalog", "producers")
 NOT_ON_THE_PATH = ("sim/replay.py", "producers/search", "producers/floorplan/mesh.py", "conformance.py")
 """What draws a run, proposes configurations, makes a floor plan's solid, or tests plug-ins."""
 OURS = {

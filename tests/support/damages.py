@@ -163,7 +163,7 @@ EVENTS: Final[Sequence[bytes]] = (
     lines_of([BEGAN, {**PROGRESS, "families": [{**FAMILY, "runs": "x", "configurations": [1]}]}, {"event": "ended"}]),
     lines_of([BEGAN, {**PROGRESS, "runs_total": float("nan"), "runs_done": _HUGE}, {"event": "stopped", "reason": "\ud800"}]),
     lines_of([BEGAN, {**PROGRESS, "runs_total": "8", "at_most": []}, {"event": "stopped", "reason": []}]),
-    lines_of([BEGAN, {"event": "verdicts", "configuration": "x", "judgement": "fail", "reason": None, "runs": [1e999, "a", None]}]),
+    lines_of([BEGAN, {"event": "verdicts", "configuration": "x", "judgment": "fail", "reason": None, "runs": [1e999, "a", None]}]),
     lines_of([BEGAN, {"event": "fault", "run_index": [], "configuration": {}, "stage": _HUGE, "error": "\ud800"}]),
     lines_of([{**BEGAN, "at": "9999-12-31T23:59:59+00:00"}, {**PROGRESS, "at": "0001-01-01T00:00:00+23:59"}]),
     b"\0" * 1_000_000,

@@ -35,7 +35,7 @@ from vastflow.deployments.explorer.pages import Pages
 from vastflow.deployments.explorer.run_page import KeptLayers
 from vastflow.flows.cli.__main__ import app
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.oracles.judgement.verdict import Metric, Verdict
+from vastflow.oracles.judgment.verdict import Metric, Verdict
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import open_store

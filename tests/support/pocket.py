@@ -44,7 +44,7 @@ scenario pocket:
         wait elapsed(x)
 """
 ORACLE = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 
 
 class Pocket(Oracle[Parameters]):

@@ -71,7 +71,7 @@ def pose(x_m):
 """
 
 ORACLE = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 
 
 class DrivenParameters(Parameters):

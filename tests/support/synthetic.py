@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.registry import oracles_of
-from vastflow.oracles.judgement.verdict import metrics_text
+from vastflow.oracles.judgment.judge import judge_block
+from vastflow.oracles.judgment.registry import oracles_of
+from vastflow.oracles.judgment.verdict import metrics_text
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.results.schema import CONFIGURATIONS, JUDGED_RUNS, REJECTIONS, VERDICTS, json_text, write_table
 from vastflow.sim.loop.standstill import STOOD_STILL
@@ -129,7 +129,7 @@ class SyntheticCampaign:
             (self.directory / folder / f"{name}.parquet").write_bytes(content)
         judged = judge_block(scenario, block, traces, judges)
         for verdict in judged.verdicts:
-            said = verdict.oracle, verdict.judgement, verdict.reason, metrics_text(verdict.metrics)
+            said = verdict.oracle, verdict.judgment, verdict.reason, metrics_text(verdict.metrics)
             self._verdict(name, family, verdict.run_index, *said)
         for run in (recording.run for recording in recordings):
             row = {"configuration": name, "family": family, **{key: getattr(run, key) for key in _RUN_COLUMNS}}

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from vastflow.oracles.judgement.registry import oracles_of
+from vastflow.oracles.judgment.registry import oracles_of
 from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
@@ -22,7 +22,7 @@ from vastflow.tasks.engine.bundle import Packer
 from vastflow.tasks.store.store import StoreError, open_store
 
 ORACLE = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 
 class Nobody(Oracle):
     class Parameters(Parameters):

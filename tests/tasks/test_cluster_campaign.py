@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(580)]
 ROOM = SHORT_DRIVES.replace("NAME", "pooled").replace("room.yaml", "../maps/room.yaml").replace("0.01]", "0.01, 0.02]")
 OWN_ORACLE = "evaluation: {oracles: ['own_oracle.py:Distance': {least_m: 0.1}]}\n"
 ORACLE = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 
 
 class DistanceParameters(Parameters):
@@ -45,7 +45,7 @@ import os
 import sys
 import time
 
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 
 
 class HoarderParameters(Parameters):

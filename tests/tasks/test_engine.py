@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import pytest
 from at_once import AtOnce
 
-from vastflow.oracles.judgement.registry import oracles_of
+from vastflow.oracles.judgment.registry import oracles_of
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.engine import units, work
 from vastflow.tasks.engine.engine import Engine, RunFault

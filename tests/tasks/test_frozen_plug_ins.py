@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vastflow.oracles.judgement.registry import OracleError, oracle_of
+from vastflow.oracles.judgment.registry import OracleError, oracle_of
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import NoReference, Trace
 from vastflow.producers.model.producer import draws_of, evaluate, find_producer
@@ -23,7 +23,7 @@ from vastflow.tasks.engine.evaluation import packed
 from vastflow.tasks.keys.source import installed_tree
 
 ORACLE = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 {top}
 
 class Limited(Oracle[Parameters]):
@@ -322,7 +322,7 @@ def test_environment_and_other_programs_are_pointed_at(home):
     assert {each.line for each in hidden} == {11}
 
 
-NOTEBOOK = 'verdicts = [{"run_index": i, "judgement": "pass", "limit": LIMIT} for i in runs["run_index"].to_pylist()]'
+NOTEBOOK = 'verdicts = [{"run_index": i, "judgment": "pass", "limit": LIMIT} for i in runs["run_index"].to_pylist()]'
 
 
 def notebook(home, *cells):

@@ -77,7 +77,7 @@ def test_exception_of_a_job_reaches_the_caller(pool):
         pool.submit(divmod, 1, 0, priority=Priority.EXECUTE).result(120)
 
 
-def test_judgement_overtakes_executions_that_wait(tmp_path):
+def test_judgment_overtakes_executions_that_wait(tmp_path):
     pool = Pool(1)
     try:
         log, gate = tmp_path / "log", tmp_path / "gate"

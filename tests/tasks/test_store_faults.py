@@ -10,10 +10,10 @@ import random
 import pytest
 from at_once import AtOnce
 
-from vastflow.oracles.judgement.registry import oracles_of
+from vastflow.oracles.judgment.registry import oracles_of
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.engine import units
-from vastflow.tasks.engine.engine import Engine, judgements
+from vastflow.tasks.engine.engine import Engine, judgments
 from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.work import BEHAVIORS, RECORDINGS, RUN_LOG, TRACES, VERDICTS, Executed
@@ -78,7 +78,7 @@ def files_of(index, configuration):
         if each.trace is None or each.verdicts is None:
             raise Lost(configuration.name)
         found += [load(each.recordings, RECORDINGS), load(each.recordings, BEHAVIORS)]
-        found += [load(each.trace, TRACES), load(each.verdicts, VERDICTS), judgements(each.verdicts)]
+        found += [load(each.trace, TRACES), load(each.verdicts, VERDICTS), judgments(each.verdicts)]
     return found
 
 

@@ -35,7 +35,7 @@ evaluation:
 """
 WAIT = "import osc.helpers\n\nscenario wait:\n    do wait elapsed(1s)\n"
 ORACLE = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters as Base
+from vastflow.oracles.judgment.oracle import Oracle, Parameters as Base
 
 
 class Parameters(Base):
@@ -94,7 +94,7 @@ class Campaign:
         return Counter(self.log.read_text().split())
 
     def verdicts(self, place=None):
-        """Verdicts as they are stored, judgements and causes."""
+        """Verdicts as they are stored, judgments and causes."""
         index, configuration, _ = self.index(place)
         stored = [each.verdicts for each in index.stored(configuration)]
         return [(index.store.load(verdicts, VERDICTS), verdicts.info) for verdicts in stored]

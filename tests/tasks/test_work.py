@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from vastflow.oracles.judgement.registry import oracles_of
-from vastflow.oracles.judgement.verdict import read_verdicts
+from vastflow.oracles.judgment.registry import oracles_of
+from vastflow.oracles.judgment.verdict import read_verdicts
 from vastflow.producers.catalog.parameter import ParameterVariationList
 from vastflow.sim import run as simulator
 from vastflow.sim.model.blocks import read_recordings
@@ -127,7 +127,7 @@ def test_lost_input_is_reported_separately(store):
     assert answer is None
 
 
-def test_judging_stores_overall_judgements(store, simulate):
+def test_judging_stores_overall_judgments(store, simulate):
     simulate()
     work.execute(store, "execute/ab/key", SCENARIO, 0, 2, 0)
     work.observe(store, "execute/ab/key/0-2", "observe/ab/key", SCENARIO)

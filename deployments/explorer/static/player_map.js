@@ -166,7 +166,7 @@ export class RunMap extends ShownPart {
     };
     if (shown.has("future")) this.#stroke(line(row + 1, run.t.length), theme.muted, 1, [2, 3]);
     if (shown.has("belief")) this.#stroke(line(0, row + 1, true), theme.belief, 1, [4, 2]);
-    if (shown.has("past")) this.#stroke(line(0, row + 1), theme[run.header.judgement.replace(" ", "-")], 2);
+    if (shown.has("past")) this.#stroke(line(0, row + 1), theme[run.header.judgment.replace(" ", "-")], 2);
   }
 
   #robot({ x, y, yaw }, edge, inside, width) {

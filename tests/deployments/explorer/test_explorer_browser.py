@@ -148,7 +148,7 @@ def test_running_campaign_is_followed_and_stopped_with_a_reason(
     arrive(browser, "/live")
     until(browser, "!document.getElementById('stop').hidden")
     of = {"configuration": "room <1>", "family": "room"}
-    tell("verdicts", **of, judgement="fail", reason="contact", runs=[3])
+    tell("verdicts", **of, judgment="fail", reason="contact", runs=[3])
     family = {"family": "room", "configurations": 1, "runs": 8, "passed": 0, "failed": 1, "not_judged": 0}
     tell("progress", phase="running", runs_done=1, runs_total=8, executed=1, failed=1, families=[family])
     until(browser, "document.querySelector('#lost a')")

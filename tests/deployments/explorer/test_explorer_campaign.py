@@ -102,7 +102,7 @@ def test_campaign_page_does_without_strange_evidence(client, campaign, content):
 def test_reasons_are_those_of_oracles_grouped_as_in_the_report(client, campaign):
     c, directory = campaign
     verdicts = pd.read_parquet(directory / "verdicts.parquet")
-    late = (verdicts["configuration"] == "hard-1") & (verdicts["judgement"] == "fail")
+    late = (verdicts["configuration"] == "hard-1") & (verdicts["judgment"] == "fail")
     verdicts.loc[late, "reason"] = [f"drove {k} m too far" for k in range(late.sum())]
     verdicts.to_parquet(directory / "verdicts.parquet")
     far, stuck = client.get("/api/summary", params={"c": c}).json()["kinds"]

@@ -88,7 +88,7 @@ def test_frames_hold_recorded_and_derived_columns(directory: Path):
     drawn = {line["column"] for plot in plots_of([stored_run(directory, "office-1", 1)]) for line in plot["lines"]}
     assert "sent_speed_mmps" not in drawn  # which this recording lacks
     assert drawn <= arrays.keys()
-    assert (header["judgement"], header["reason"], header["nowhere"]) == ("fail", "stuck <b>", NOWHERE_MM)
+    assert (header["judgment"], header["reason"], header["nowhere"]) == ("fail", "stuck <b>", NOWHERE_MM)
     assert header["verdicts"][0]["reason"].endswith("stuck <b>")
 
 
@@ -138,7 +138,7 @@ def test_frames_report_missing_recording(directory: Path):
     (directory / "recordings" / "office-1.parquet").unlink()
     header, arrays = unpacked(frames_of(stored_run(directory, "office-1", 1), "office-1"))
     assert header["sentence"] == "This run was not recorded. The verdicts say why."
-    assert (header["judgement"], arrays) == ("fail", {})
+    assert (header["judgment"], arrays) == ("fail", {})
 
 
 def test_frames_without_robot_have_events_and_actions():

@@ -31,9 +31,9 @@ def event(name, after_s=0.0, /, **values):
     return Event(BEGAN + timedelta(seconds=after_s), name, values)
 
 
-def verdicts(judgement, *runs, reason=None, configuration="room-1"):
+def verdicts(judgment, *runs, reason=None, configuration="room-1"):
     of = {"configuration": configuration, "family": "room"}
-    return event("verdicts", 5.0, **of, judgement=judgement, reason=reason, runs=list(runs))
+    return event("verdicts", 5.0, **of, judgment=judgment, reason=reason, runs=list(runs))
 
 
 def state_of(*events, now_s=10.0):
@@ -60,7 +60,7 @@ def running(results):
 
 def test_state_lists_lost_runs_newest_first():
     state = state_of(verdicts("pass", 0, 1), verdicts("fail", 2, 3, reason="contact"), verdicts("not judged", 4))
-    assert [(run["run"], run["judgement"], run["reason"]) for run in state["lost"]] == [
+    assert [(run["run"], run["judgment"], run["reason"]) for run in state["lost"]] == [
         (4, "not judged", ""),
         (3, "fail", "contact"),
         (2, "fail", "contact"),
@@ -68,7 +68,7 @@ def test_state_lists_lost_runs_newest_first():
     assert (state["lost_total"], state["recent"]) == (3, "ppffn")
 
 
-def test_state_takes_the_later_judgement_of_a_run():
+def test_state_takes_the_later_judgment_of_a_run():
     state = state_of(verdicts("fail", 0, 1), verdicts("pass", 0))
     assert [run["run"] for run in state["lost"]] == [1]
 

@@ -85,7 +85,7 @@ def test_event_stream_has_parts_of_the_page(client, results, id_of, add_campaign
             "event": "verdicts",
             "configuration": EVIL,
             "family": "room",
-            "judgement": "fail",
+            "judgment": "fail",
             "reason": EVIL,
             "runs": [3],
         },

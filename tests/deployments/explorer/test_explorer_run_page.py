@@ -84,7 +84,7 @@ def test_frames_reply_is_that_of_the_run(client, add_campaign, id_of):
     reply = client.get("/api/frames", params=of(campaign))
     assert reply.headers["content-type"] == "application/octet-stream"
     header, arrays = unpacked(reply.content)
-    assert (header["configuration"], header["run"], header["judgement"]) == ("quiet-1", 0, "fail")
+    assert (header["configuration"], header["run"], header["judgment"]) == ("quiet-1", 0, "fail")
     assert len(arrays["t_ms"]) == 20
 
 

@@ -9,7 +9,7 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-Judgement: TypeAlias = Literal["pass", "fail", "not judged"]
+Judgment: TypeAlias = Literal["pass", "fail", "not judged"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,23 +49,23 @@ class WrittenMetrics(Mapping[str, Metric]):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """One oracle's judgement of one run.
+    """One oracle's judgment of one run.
 
     Attributes:
         reason: Why the run failed or was not judged; empty for a pass.
-        metrics: The same names for any judgement.
+        metrics: The same names for any judgment.
     """
 
     oracle: str
     run_index: int
-    judgement: Judgement
+    judgment: Judgment
     reason: str = ""
     metrics: Mapping[str, Metric] = field(default_factory=dict)
 
 
-def run_judgement(judgements: Iterable[Judgement]) -> Judgement:
-    """The joint judgement of a run: `fail` if any, `pass` if all, else `not judged`."""
-    said = set(judgements)
+def run_judgment(judgments: Iterable[Judgment]) -> Judgment:
+    """The joint judgment of a run: `fail` if any, `pass` if all, else `not judged`."""
+    said = set(judgments)
     if "fail" in said:
         return "fail"
     return "pass" if said == {"pass"} else "not judged"
@@ -97,12 +97,12 @@ def write_verdicts(verdicts: Sequence[Verdict]) -> bytes:
 def read_verdicts(content: bytes) -> list[Verdict]:
     """Read the output of `write_verdicts`."""
     return [
-        Verdict(row["oracle"], row["run_index"], row["judgement"], row["reason"], WrittenMetrics(row["metrics"]))
+        Verdict(row["oracle"], row["run_index"], row["judgment"], row["reason"], WrittenMetrics(row["metrics"]))
         for row in json.loads(content)
     ]
 
 
-_FIELDS: Final = ("judgement", "oracle", "reason", "run_index")
+_FIELDS: Final = ("judgment", "oracle", "reason", "run_index")
 _TEXT: Final = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode
 
 
@@ -145,7 +145,7 @@ class RunQuantity:
 
     def _sample(self, verdicts: Sequence[Verdict]) -> float | None:
         if self.metric is None:
-            said = run_judgement([each.judgement for each in verdicts])
+            said = run_judgment([each.judgment for each in verdicts])
             return None if said == "not judged" else float(said == "fail")
         metric = verdicts[0].metrics.get(self.metric)
         return None if metric is None else metric.value

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vastflow.oracles.judgement.cause import Cause, cause_of
-from vastflow.oracles.judgement.oracle import Oracle
-from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.judgment.cause import Cause, cause_of
+from vastflow.oracles.judgment.oracle import Oracle
+from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import trace_of
 from vastflow.sim.model.archive import read_outputs

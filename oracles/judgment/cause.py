@@ -5,7 +5,7 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.oracles.observation.trace import Trace
 from vastflow.sim.loop.standstill import STANDSTILL_M, STOOD_STILL
 from vastflow.sim.model.elementary import hypot, hypots
@@ -72,7 +72,7 @@ def cause_of(trace: Trace, verdicts: Sequence[Verdict]) -> Cause | None:
 
     The end is that of the run, or of the first goal that was given up.
     """
-    failed = {verdict.oracle: verdict for verdict in verdicts if verdict.judgement == "fail"}
+    failed = {verdict.oracle: verdict for verdict in verdicts if verdict.judgment == "fail"}
     return next(_seen(trace, failed), "unknown") if failed else None
 
 

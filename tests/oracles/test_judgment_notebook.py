@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from table import each_row
 
-from vastflow.oracles.judgement.conformance import CHECKS, SampleRun, sample_runs
-from vastflow.oracles.judgement.notebook import SIGNALS, run_tables
-from vastflow.oracles.judgement.oracle import Oracle
-from vastflow.oracles.judgement.registry import OracleError, oracle_of
+from vastflow.oracles.judgment.conformance import CHECKS, SampleRun, sample_runs
+from vastflow.oracles.judgment.notebook import SIGNALS, run_tables
+from vastflow.oracles.judgment.oracle import Oracle
+from vastflow.oracles.judgment.registry import OracleError, oracle_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.tasks.keys.source import installed_tree
 
@@ -20,7 +20,7 @@ EXAMPLE = Path(__file__).parents[2] / "campaigns" / "notebook"
 LEAVES = """\
 metrics = {"distance": "m"}
 verdicts = [
-    {"run_index": run["run_index"], "judgement": "pass", "distance": run["distance_m"]} for run in runs.to_pylist()
+    {"run_index": run["run_index"], "judgment": "pass", "distance": run["distance_m"]} for run in runs.to_pylist()
 ]
 """
 
@@ -62,7 +62,7 @@ def test_example_notebook_counts_time_driven_while_lost():
 
 def test_parameters_of_campaign_replace_defaults_of_notebook(tmp_path) -> None:
     parameters = cell("limit = 1.5\nword: str = 'slow'", "parameters")
-    fails = "verdicts = [{'run_index': 3, 'judgement': 'fail', 'reason': f'{word} {limit}'}]"
+    fails = "verdicts = [{'run_index': 3, 'judgment': 'fail', 'reason': f'{word} {limit}'}]"
     assert notebook(tmp_path, parameters, fails).judge(CORRIDOR.trace, CORRIDOR.situation).reason == "slow 1.5"
     said = notebook(tmp_path, parameters, fails, limit=2).judge(CORRIDOR.trace, CORRIDOR.situation)
     assert said.reason == "slow 2.0"
@@ -72,7 +72,7 @@ def test_parameters_of_campaign_replace_defaults_of_notebook(tmp_path) -> None:
 
 def judged(folder, *cells):
     verdict = notebook(folder, *cells).judge(CORRIDOR.trace, CORRIDOR.situation)
-    return verdict.judgement, verdict.reason, {name: metric.value for name, metric in verdict.metrics.items()}
+    return verdict.judgment, verdict.reason, {name: metric.value for name, metric in verdict.metrics.items()}
 
 
 def test_notebook_leaves_verdicts_as_rows_or_table(tmp_path, capsys):
@@ -81,13 +81,13 @@ def test_notebook_leaves_verdicts_as_rows_or_table(tmp_path, capsys):
     assert capsys.readouterr().out == ""
     unjudged = "the notebook has no verdict on this run"
     assert judged(tmp_path, "verdicts = []") == ("not judged", unjudged, {})
-    table = "import pyarrow as pa\nverdicts = pa.table({'run_index': [3], 'judgement': ['pass'], 'd': [float('nan')]})"
+    table = "import pyarrow as pa\nverdicts = pa.table({'run_index': [3], 'judgment': ['pass'], 'd': [float('nan')]})"
     frame = f"{table}.to_pandas()"
     for leaves in (table, frame):
         assert judged(tmp_path, "metrics = {'d': 'm'}", leaves) == ("pass", "", {"d": None})
 
 
-SAID = "'run_index': 3, 'judgement': "
+SAID = "'run_index': 3, 'judgment': "
 
 
 @each_row(
@@ -95,7 +95,7 @@ SAID = "'run_index': 3, 'judgement': "
     [
         ("pass", "judge.ipynb sets no 'verdicts'"),
         ("verdicts = [{'run_index': 8}]", r"verdict 1: expected one of the runs \[3\], got run_index 8"),
-        (f"verdicts = [{{{SAID}'ok'}}]", "expected one of 'pass', 'fail', 'not judged', got judgement 'ok'"),
+        (f"verdicts = [{{{SAID}'ok'}}]", "expected one of 'pass', 'fail', 'not judged', got judgment 'ok'"),
         (f"verdicts = [{{{SAID}'fail'}}]", "verdict 1: 'fail' without a reason"),
         (f"verdicts = 2 * [{{{SAID}'pass'}}]", "verdict 2: duplicate verdict on run 3"),
         (f"verdicts = [{{{SAID}'pass', 'x': 1}}]", "unknown metric 'x'"),

@@ -8,10 +8,10 @@ import pytest
 from table import each_row
 
 from vastflow.oracles.evidence.causes import causes_of
-from vastflow.oracles.judgement.cause import cause_of
-from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.registry import oracles_of
-from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.judgment.cause import cause_of
+from vastflow.oracles.judgment.judge import judge_block
+from vastflow.oracles.judgment.registry import oracles_of
+from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.observation.trace import NoReference, Trace
 from vastflow.oracles.page.report import write_report

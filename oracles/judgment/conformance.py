@@ -9,8 +9,8 @@ from typing import Any, Final, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
-from vastflow.oracles.judgement.verdict import Judgement, Verdict, read_verdicts, write_verdicts
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.verdict import Judgment, Verdict, read_verdicts, write_verdicts
 from vastflow.oracles.observation.observe import distances_to
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import Situation
@@ -210,10 +210,10 @@ def _check_verdict(oracle: Oracle[Any], run: SampleRun, verdict: Verdict) -> Non
     must(isinstance(verdict, Verdict), f"{name} must give a Verdict on {run.name!r}, not {type(verdict).__name__}")
     mine = (verdict.oracle, verdict.run_index) == (oracle.name, run.trace.run.run_index)
     must(mine, f"{name} must give its own name and the run's index. Use `passed`, `failed` and `not_judged`.")
-    known = get_args(Judgement)
-    must(verdict.judgement in known, f"{name} must judge one of {known}, not {verdict.judgement!r}")
-    told = bool(verdict.reason.strip()) == (verdict.judgement != "pass")
-    must(told, f"{name} must say why {run.name!r} is {verdict.judgement!r}: a reason, and none for a pass")
+    known = get_args(Judgment)
+    must(verdict.judgment in known, f"{name} must judge one of {known}, not {verdict.judgment!r}")
+    told = bool(verdict.reason.strip()) == (verdict.judgment != "pass")
+    must(told, f"{name} must say why {run.name!r} is {verdict.judgment!r}: a reason, and none for a pass")
     units = {metric: measured.unit for metric, measured in verdict.metrics.items()}
     must(
         units == dict(oracle.metrics), f"{name} must have all of its metrics in each verdict, None where there is none"

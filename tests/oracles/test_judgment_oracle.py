@@ -11,14 +11,14 @@ import pytest
 from table import each_row
 
 from vastflow.oracles.catalog.safety import Safety
-from vastflow.oracles.judgement import verdict
-from vastflow.oracles.judgement.conformance import CHECKS, check_oracle, sample_runs
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
-from vastflow.oracles.judgement.registry import OracleError, known_oracles, oracle_of, oracles_of
+from vastflow.oracles.judgment import verdict
+from vastflow.oracles.judgment.conformance import CHECKS, check_oracle, sample_runs
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.registry import OracleError, known_oracles, oracle_of, oracles_of
 from vastflow.sim.model.faults import message_of
 
 OWN = """
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 
 
 class Limit(Parameters):
@@ -170,9 +170,9 @@ VERDICTS = [
 def test_verdicts_have_one_written_form():
     written = verdict.write_verdicts(VERDICTS)
     assert written == (
-        rb'[{"judgement":"pass","metrics":"{\"final_distance\":{\"value\":null,\"unit\":\"m\"},'
+        rb'[{"judgment":"pass","metrics":"{\"final_distance\":{\"value\":null,\"unit\":\"m\"},'
         rb'\"time\":{\"value\":12.5,\"unit\":\"s\"}}","oracle":"success","reason":"","run_index":0},'
-        rb'{"judgement":"not judged","metrics":"{}","oracle":"performance",'
+        rb'{"judgment":"not judged","metrics":"{}","oracle":"performance",'
         rb'"reason":"no reference path: the scenario has no map","run_index":0}]'
     )
     read = verdict.read_verdicts(written)
@@ -186,7 +186,7 @@ def test_verdicts_have_one_written_form():
 
 
 @each_row(
-    ("judgements", "together"),
+    ("judgments", "together"),
     [
         (["pass", "pass"], "pass"),
         (["pass", "fail"], "fail"),
@@ -195,8 +195,8 @@ def test_verdicts_have_one_written_form():
         ([], "not judged"),
     ],
 )
-def test_run_judgement_joins_oracles(judgements, together):
-    assert verdict.run_judgement(judgements) == together
+def test_run_judgment_joins_oracles(judgments, together):
+    assert verdict.run_judgment(judgments) == together
 
 
 @each_row(
@@ -213,10 +213,10 @@ def test_run_judgement_joins_oracles(judgements, together):
     ],
 )
 def test_run_quantity_aggregates_runs_that_have_it(quantity, samples, value):
-    judgements = {0: ("fail", 4.0), 1: ("pass", 1.0), 2: ("not judged", 2.0), 9: ("fail", 8.0)}
+    judgments = {0: ("fail", 4.0), 1: ("pass", 1.0), 2: ("not judged", 2.0), 9: ("fail", 8.0)}
     verdicts = [
-        verdict.Verdict("success", run, judgement, "", {"time": verdict.Metric(time_s, "s")})
-        for run, (judgement, time_s) in judgements.items()
+        verdict.Verdict("success", run, judgment, "", {"time": verdict.Metric(time_s, "s")})
+        for run, (judgment, time_s) in judgments.items()
     ]
     assert quantity.samples(verdicts, range(3)) == samples
     assert quantity.value(samples) == (None if value is None else pytest.approx(value))

@@ -6,8 +6,8 @@ from typing import Any, Final, NamedTuple
 
 from pydantic import ValidationError
 
-from vastflow.oracles.judgement.notebook import notebook_code, notebook_oracle, read_cells
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.notebook import notebook_code, notebook_oracle, read_cells
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
 from vastflow.sim.model.faults import Got, Invalid, Problem, message_of
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean

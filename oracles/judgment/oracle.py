@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
-from vastflow.oracles.judgement.verdict import Metric, Verdict
+from vastflow.oracles.judgment.verdict import Metric, Verdict
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Trace
 from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
@@ -64,11 +64,11 @@ class Oracle(ABC, Generic[P]):
         """The oracle lacks what `reason` names."""
         return self._verdict(trace, "not judged", reason, metrics)
 
-    def _verdict(self, trace: Trace, judgement: Any, reason: str, metrics: Mapping[str, float | None]) -> Verdict:
+    def _verdict(self, trace: Trace, judgment: Any, reason: str, metrics: Mapping[str, float | None]) -> Verdict:
         if unknown := sorted(set(metrics) - set(self.metrics)):
             raise ValueError(f"oracle {self.name!r} measures {sorted(self.metrics)}, got {unknown}")
         values = {name: Metric(metrics.get(name), unit) for name, unit in self.metrics.items()}
-        return Verdict(self.name, trace.run.run_index, judgement, reason, values)
+        return Verdict(self.name, trace.run.run_index, judgment, reason, values)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         if (snapshot := snapshot_behind(type(self))) is not None:  # in no module that another process could import

@@ -14,8 +14,8 @@ import numpy as np
 import pyarrow as pa
 from pydantic import BaseModel, ValidationError, create_model
 
-from vastflow.oracles.judgement.oracle import Oracle, Parameters
-from vastflow.oracles.judgement.verdict import Judgement, Verdict
+from vastflow.oracles.judgment.oracle import Oracle, Parameters
+from vastflow.oracles.judgment.verdict import Judgment, Verdict
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Reference, Trace
 from vastflow.sim.model.files import Unreadable, read_json
@@ -78,7 +78,7 @@ def read_cells(file: Path) -> tuple[CodeCell, ...]:
 
 
 def notebook_code(file: Path) -> str:
-    """The executed cells as one Python text, from which all judgements follow.
+    """The executed cells as one Python text, from which all judgments follow.
 
     Raises:
         PlugInError: no notebook of format 4.
@@ -193,16 +193,16 @@ _RUN = pa.schema(
         *[("reference_length_m", pa.float64()), ("events", pa.list_(_EVENT))],
     ]
 )
-_OWN: Final = ("run_index", "judgement", "reason")
+_OWN: Final = ("run_index", "judgment", "reason")
 
 
 class NotebookOracle(Oracle[Parameters]):
-    """The judgement of a notebook.
+    """The judgment of a notebook.
 
     Its code cells run in order in a namespace of their own, without a kernel or IPython. Cells tagged `skip-execution` are left out; after a
     cell tagged `parameters`, whose literals are defaults, the values of the campaign file are set. The notebook is given `traces`, `runs` and
     `situation` (see `RunTables`), and leaves `metrics`, name to unit as a literal, and `verdicts`: a table or list of rows with
-    `run_index`, `judgement`, `reason` unless it is a pass, and the metrics. A verdict must follow from its run alone.
+    `run_index`, `judgment`, `reason` unless it is a pass, and the metrics. A verdict must follow from its run alone.
     """
 
     cells: ClassVar[Sequence[CodeCell]]
@@ -254,16 +254,16 @@ class NotebookOracle(Oracle[Parameters]):
 
     def _checked(self, row: Mapping[str, Any], said: Mapping[int, Any], traces: Sequence[Trace]) -> int:
         indices = [trace.run.run_index for trace in traces]
-        index, judgement = row.get("run_index"), row.get("judgement")
+        index, judgment = row.get("run_index"), row.get("judgment")
         place = f"{self.name}: verdict {len(said) + 1}: "
         if index not in indices:
             raise PlugInError(f"{place}expected one of the runs {indices}, got run_index {index!r}", "")
         if index in said:
             raise PlugInError(f"{place}duplicate verdict on run {index}", "expected one for each run")
-        if judgement not in (known := get_args(Judgement)):
-            raise PlugInError(f"{place}expected one of {', '.join(map(repr, known))}, got judgement {judgement!r}", "")
-        if judgement != "pass" and not row.get("reason"):
-            raise PlugInError(f"{place}{judgement!r} without a reason", "write a sentence with numbers into `reason`")
+        if judgment not in (known := get_args(Judgment)):
+            raise PlugInError(f"{place}expected one of {', '.join(map(repr, known))}, got judgment {judgment!r}", "")
+        if judgment != "pass" and not row.get("reason"):
+            raise PlugInError(f"{place}{judgment!r} without a reason", "write a sentence with numbers into `reason`")
         if unknown := sorted(set(row) - {*_OWN, *self.metrics}):
             raise PlugInError(f"{place}unknown metric {unknown[0]!r}", f"name it with its unit in {METRICS!r}")
         return int(index)
@@ -276,8 +276,8 @@ class NotebookOracle(Oracle[Parameters]):
             name: None if (value := row.get(name)) is None or math.isnan(value) else float(value)
             for name in self.metrics
         }
-        reason = "" if row["judgement"] == "pass" else str(row["reason"])
-        return self._verdict(trace, row["judgement"], reason, values)
+        reason = "" if row["judgment"] == "pass" else str(row["reason"])
+        return self._verdict(trace, row["judgment"], reason, values)
 
 
 def _restored(snapshot: Snapshot, name: str, parameters: Mapping[str, Any], base: Path) -> NotebookOracle:

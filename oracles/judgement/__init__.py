@@ -1,1 +1,0 @@
-"""Judgement: oracles, verdicts, judging of runs, and causes of failures."""

@@ -1,0 +1,1 @@
+"""Judgment: oracles, verdicts, judging of runs, and causes of failures."""
