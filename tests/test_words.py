@@ -16,7 +16,9 @@ TESTS = tuple(sorted((ROOT / "tests").rglob("*.py")))
 NOT_A_PATH = re.compile(r"t_way|TWay|in_the_way|Waypoint|\d-way|-way: |on the way|under way")
 """Combinations of so many values, what is in between, Nav2's waypoints, and idioms."""
 A_PATH = re.compile(r"(?<![a-zA-Z])ways?(?![a-zA-Z])|Ways?(?![a-z])")
-BRITISH = re.compile(r"(?i)modell|neighbour|colour|labell|travell|centre(?![a-z])|behaviour|micrometre|judgement|realis(?:e|ing|able|ation)")
+BRITISH = re.compile(
+    r"(?i)modell|neighbour|colour|labell|travell|centre(?![a-z])|behaviour|micrometre|judgement|realis(?:e|ing|able|ation)"
+)
 PRIVATE = re.compile(r"(?<![a-z])(chatter|foresight|leaps|parcels?|shelf|shelves|whereabouts|workshop)")
 
 MOST_WORDS = 20

@@ -42,7 +42,7 @@ from vastflow.tasks.store.store import Lost, Store, open_store
 MEAN_SPEED_MPS: Final = 0.3
 """Along the path, with stops and recoveries: 120 runs of some 6 m in `campaigns/quickstart` are about 40 minutes."""
 TIMES_REAL_TIME: Final = 200.0
-"""Speed of one core, judging included: below what `python tests/proofs/bench_simulator.py` printed on a shared core of 2026."""
+"""Speed of one core, judging included: below what `python docs/studies/bench_simulator.py` printed on a shared core of 2026."""
 
 
 @dataclass(frozen=True, slots=True)

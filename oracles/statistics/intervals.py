@@ -123,7 +123,7 @@ def clustered_interval(
     Clusters are beta-binomial (Skellam, JRSS B 10 (1948) 257). Few of them say little about the intraclass correlation, so it is averaged
     over, with a prior like 1/√c. The ends are quantiles of the rate's posterior, with priors 1/p (lower) and 1/(1 - p) (upper), or
     those of Student's t interval of the clusters' rates where they are farther out, as with rates that no beta distribution has. The interval is never narrower than Clopper and Pearson's of all runs, nor wider than theirs of clusters. Its coverage and width are in
-    `tests/proofs/clustered_coverage.py` and docs/statistics.md.
+    `docs/studies/clustered_coverage.py` and docs/statistics.md.
 
     Args:
         passed, judged: (m,), one entry a configuration; passes may be fractions.

@@ -156,7 +156,7 @@ def mean_rate(rates: ArrayLike, runs: ArrayLike, looks: Looks | None = None) -> 
     """The mean of configurations' rates, and its interval for runs of these same configurations; None without judged runs.
 
     The interval is Wilson's at Kish's effective number of runs, m² / Σ (1 / n): with equal numbers of runs, that of the pooled rate. It holds for
-    unequal rates too, whose mean varies less. Coverage and width are in `tests/proofs/truth_headline.py` and docs/statistics.md.
+    unequal rates too, whose mean varies less. Coverage and width are in `docs/studies/truth_headline.py` and docs/statistics.md.
 
     Args:
         rates: (m,) by configuration; of those that ended by a rule, as of `Looks.rates`.

@@ -1,4 +1,4 @@
-"""Searches of spaces whose truth is known: `tests/proofs/search.py` in short."""
+"""Searches of spaces whose truth is known: `docs/studies/search.py` in short."""
 
 import numpy as np
 import pytest

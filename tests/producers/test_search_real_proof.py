@@ -1,4 +1,4 @@
-"""Searches of real spaces: `tests/proofs/search_real.py` in short."""
+"""Searches of real spaces: `docs/studies/search_real.py` in short."""
 
 import pytest
 import search_real

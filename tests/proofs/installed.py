@@ -27,9 +27,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bench_show import loop_s
 from packaging.requirements import Requirement
 from packaging.version import Version
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "studies"))
+from bench_show import loop_s
 
 ROOT = Path(__file__).parents[2]
 CORES = ("tests/sim", "tests/producers", "tests/oracles")

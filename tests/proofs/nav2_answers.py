@@ -9,16 +9,19 @@ what was reached; all others are unknown.
 
 import argparse
 import math
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-import navfn_paths
 import numpy as np
 from nav2_conformance import RESOLUTION_M, UNREACHED, Distance, map_cells, of_dwb, of_mppi, of_navfn, of_rpp
 
 from vastflow.sim.nav2.costmaps.inflation import inflate
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
+import navfn_paths
 
 UNREAD: Final = frozenset({"tag", "new_sequence", "traj_end_odom", "traj_pose_count", "nav2_osc_rotate_after"})
 UNKNOWN: Final = 255

@@ -18,7 +18,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import navfn_paths
 import numpy as np
 import shapely
 from PIL import Image
@@ -33,6 +32,9 @@ from vastflow.sim.nav2.costmaps.inflation import inflate
 from vastflow.sim.nav2.costmaps.outline import padded_outline
 from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.navigator.state import AHEAD_POINTS, MEMORY
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
+import navfn_paths
 
 VARIABLE = "NAV2_CONFORMANCE"
 BESIDE = Path(__file__).parents[3] / "shared" / "reference" / "nav2-conformance"

@@ -1,4 +1,4 @@
-"""The global plan beside what NavFn finds afresh: the short form of tests/proofs/path_cost.py, and the planner at its desk."""
+"""The global plan beside what NavFn finds afresh: the short form of docs/studies/path_cost.py, and the planner at its desk."""
 
 from pathlib import Path
 

@@ -8,7 +8,7 @@ rad) and of particles at updates (mean, 5th and 95th percentile).
 Exit code 1 when a map breaks one of these: noise of 0.2 m hardly hurts, 90 % dropout does, and on `rooms` the error is
 that of Nav2's filter between rooms within 30 %; 2 when the maps are not there.
 
-    python tests/proofs/amcl_accuracy.py [--maps DIR] [--only NAME] [--routes N] [--seeds N]
+    python docs/studies/amcl_accuracy.py [--maps DIR] [--only NAME] [--routes N] [--seeds N]
 """
 
 import math

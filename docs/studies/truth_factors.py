@@ -7,7 +7,7 @@
   `power_of` promises.
 - *metrics*: claims where nothing differs, with and without runs that fail, and where paths respond differently; shares of a shown effect.
 
-    PYTHONPATH=.package python tests/proofs/truth_factors.py [--campaigns 500] [--workers N] [--json FILE] [PART ...]
+    PYTHONPATH=.package python docs/studies/truth_factors.py [--campaigns 500] [--workers N] [--json FILE] [PART ...]
 
 Prints a table with the standard error of each figure. Exit code 1 where false claims exceed 0.06, or coverage is below 0.93, by more than two
 standard errors. Needs numpy and scipy.

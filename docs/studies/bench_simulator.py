@@ -1,8 +1,8 @@
 """The pinned benchmark: closed loops in CPU time, with everything that could flatter it printed beside it.
 
-    python tests/proofs/bench_simulator.py --controller mppi|dwb|rpp [--profile] [--json]
+    python docs/studies/bench_simulator.py --controller mppi|dwb|rpp [--profile] [--json]
 
-runs this file, as `python tests/proofs/bench_simulator.py` does.
+runs this file, as `python docs/studies/bench_simulator.py` does.
 """
 
 import argparse
@@ -11,11 +11,11 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from bench_show import loop_s, shown
-from driving import drive
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.streams import run_entropy
@@ -33,6 +33,9 @@ from vastflow.sim.world.occupancy import FREE, OCCUPIED, OccupancyMap
 from vastflow.sim.world.octile import descend, distance_field, passable
 from vastflow.sim.world.robot_model import Lidar, Robot
 from vastflow.sim.world.world import World
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
+from driving import drive
 
 MAP_SEED: Final = 20
 RESOLUTION_M: Final = 0.05

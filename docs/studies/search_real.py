@@ -1,6 +1,6 @@
 """Measure strategies in the simulator: runs to a failure, and boundary error against a dense grid.
 
-    python tests/proofs/search_real.py [door] [passage] [boundary] [--seeds 5] [--batches 12] [--strategies …] [--workers N] [--store FOLDER]
+    python docs/studies/search_real.py [door] [passage] [boundary] [--seeds 5] [--batches 12] [--strategies …] [--workers N] [--store FOLDER]
 
 A robot drives through a door from one room to another, which takes 7 s where nothing is in its path.
 

@@ -4,7 +4,7 @@ Prints a table for each length with a line a map, and every failure with its rea
 Exit code 1 when a map falls below 95 % of missions or the median true final distance to the goal exceeds 0.35 m; 2 when the
 maps are not there.
 
-    python tests/proofs/five_maps.py [--maps DIR] [--only NAME] [--controller mppi|dwb|rpp] [--length 10 --length 20]
+    python docs/studies/five_maps.py [--maps DIR] [--only NAME] [--controller mppi|dwb|rpp] [--length 10 --length 20]
 """
 
 from pathlib import Path

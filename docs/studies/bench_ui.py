@@ -1,6 +1,6 @@
 """Time of each view of the explorer on a synthetic campaign, with random filters.
 
-    python tests/proofs/bench_ui.py [--configurations 5480] [--runs 20] [--requests 60] [--json]
+    python docs/studies/bench_ui.py [--configurations 5480] [--runs 20] [--requests 60] [--json]
 
 Times are those of whole replies over loopback, from the request to the last byte. `first_view_s` is what the page of a campaign asks
 for first, of a server that has just started; `start_s` is its start. Memory is the server's, at its peak, with the paths of all maps.

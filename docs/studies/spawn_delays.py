@@ -4,9 +4,9 @@ A simulator that spawns a box on request, as Gazebo does, needs a moment for it,
 of `campaigns/paper/safety.vast`, on its paths of 10 m, are run with each delay, and the same runs are judged by both readings of the
 obstacle's radius.
 
-    python tests/proofs/spawn_delays.py [--configurations 40] [--runs 4] [--json FILE]
+    python docs/studies/spawn_delays.py [--configurations 40] [--runs 4] [--json FILE]
 
-`python tests/proofs/paper_page.py --delays FILE RESULTS...` puts the table into the page.
+`python docs/studies/paper_page.py --delays FILE RESULTS...` puts the table into the page.
 """
 
 import json

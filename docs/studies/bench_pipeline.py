@@ -1,8 +1,8 @@
 """Benchmark the pipeline by a campaign whose runs do nothing.
 
-    python tests/proofs/bench_pipeline.py [--configurations 5480] [--runs 20] [--json]
+    python docs/studies/bench_pipeline.py [--configurations 5480] [--runs 20] [--json]
 
-runs this file, as `python tests/proofs/bench_pipeline.py` does.
+runs this file, as `python docs/studies/bench_pipeline.py` does.
 """
 
 import argparse

@@ -9,7 +9,7 @@ distribution is. For each number of clusters are told:
 - the width of intervals where runs are independent, over that of Clopper and Pearson's interval of all runs, at each rate;
 - how many intervals are wider than Clopper and Pearson's of whole clusters.
 
-    python tests/proofs/clustered_coverage.py [--campaigns 1000]
+    python docs/studies/clustered_coverage.py [--campaigns 1000]
 
 Exit code 1 where the coverage is below 0.93, by more than four standard errors of the simulation, or an interval is too wide.
 """

@@ -1,8 +1,8 @@
 """The page that puts results beside the paper's: figures from campaign directories, words from a template.
 
-    python tests/proofs/paper_page.py RESULTS...
+    python docs/studies/paper_page.py RESULTS...
 
-runs this file, as `python tests/proofs/paper_page.py RESULTS...` does.
+runs this file, as `python docs/studies/paper_page.py RESULTS...` does.
 """
 
 import json
@@ -36,7 +36,7 @@ def main(
     delays: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", exists=True, dir_okay=False, help="What tests/proofs/spawn_delays.py --json wrote."
+            metavar="FILE", exists=True, dir_okay=False, help="What docs/studies/spawn_delays.py --json wrote."
         ),
     ] = None,
 ) -> None:

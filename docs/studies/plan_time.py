@@ -1,12 +1,13 @@
 """Measure the CPU time of a plan, for each planner between the same ends on the same costmaps.
 
-    python tests/proofs/plan_time.py [--map FILE.yaml] [--length M]
+    python docs/studies/plan_time.py [--map FILE.yaml] [--length M]
 
 plans five paths of a length on the benchmark's floor of 100 m × 70 m, or on a map file, over the costmap of Nav2's default file without
 marks. It prints milliseconds of the first plan to each goal and of the same plan again, which finds the distance heuristic's curves
 known, and the lengths of the paths. NavFn floods without bounds there, as Nav2 does.
 """
 
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,6 @@ import pandas as pd
 from bench_show import loop_s
 from bench_simulator import LARGE, benchmark_map, benchmark_routes
 from missions import parser_of
-from navfn_paths import path
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.binding import Bound
@@ -33,6 +33,9 @@ from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.world import World
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
+from navfn_paths import path
 
 Plan = Callable[[Pose, Pose], NDArray[np.float64]]
 

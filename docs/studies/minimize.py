@@ -1,6 +1,6 @@
 """Planted failures: does `vastflow minimize` end at what was planted, and at nothing that does not fail?
 
-    python tests/proofs/minimize.py [NAME …]
+    python docs/studies/minimize.py [NAME …]
 
 Each plant is a scenario of two rooms with a door between them, in which one thing or two make the robot fail among others that do
 not. The cause that is found is right where it is what was planted, no more and no less.

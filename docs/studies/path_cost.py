@@ -9,17 +9,17 @@ Prints a table with a line for each map and condition: replannings, relative exc
 the replannings above 1 %. Exit code 1 when a line's 95th percentile is above 1 % or a maximum above 5 %; 2 when the
 maps are not there.
 
-    python tests/proofs/path_cost.py [--maps DIR] [--only NAME] [--length M] [--paths N] [--runs N] [--controller mppi|dwb|rpp]
+    python docs/studies/path_cost.py [--maps DIR] [--only NAME] [--length M] [--paths N] [--runs N] [--controller mppi|dwb|rpp]
 """
 
 import math
+import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
 from missions import map_files, map_parser, random_paths, written
-from navfn_paths import path
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
@@ -31,6 +31,9 @@ from vastflow.sim.nav2.navigator.behavior import REPLAN_TICKS
 from vastflow.sim.nav2.navigator.state import Stack
 from vastflow.sim.nav2.planners.navfn import travel_costs
 from vastflow.sim.run import run
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
+from navfn_paths import path
 
 STEP_CELLS = 0.1
 TOLERANCE = 0.01

@@ -2,7 +2,7 @@
 
 The configurations are those of `campaigns/latency/presets.vast` with more paths and boxes. Runs that the store has are not run again.
 
-    python tests/proofs/latency_presets.py [--configurations 100] [--runs 20] [--workers 2] [--controller mppi] [--store STORE]
+    python docs/studies/latency_presets.py [--configurations 100] [--runs 20] [--workers 2] [--controller mppi] [--store STORE]
 """
 
 from pathlib import Path

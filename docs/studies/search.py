@@ -1,6 +1,6 @@
 """Measure strategies on spaces with known truth: runs to a failure, boundary error, coverage.
 
-    python tests/proofs/search.py [pockets] [boundary] [coverage] [--seeds N]
+    python docs/studies/search.py [pockets] [boundary] [coverage] [--seeds N]
 
 - `pockets`: boxes of 1 % and of 0.2 % of the unit cube in six dimensions, both or one of them, in which a run fails with probability
   0.9 and outside of which none does. On the sloped space the objective is a metric that falls toward them from afar, on the flat one the failure rate

@@ -1,6 +1,6 @@
 """Costs of a campaign by its number of configurations, extrapolated to 50,000; its runs do nothing.
 
-    python tests/proofs/million_runs.py [--configurations 500 2000 5000] [--runs 20] [--s3]
+    python docs/studies/million_runs.py [--configurations 500 2000 5000] [--runs 20] [--s3]
 
 Each size has an empty store and three calls of `vastflow run`: the first, one with nothing to do, and one after an edit of a single
 configuration. With `--s3` the store is on `rclone serve s3`, whose CPU time is not counted.
@@ -8,6 +8,7 @@ configuration. With `--s3` the store is on `rclone serve s3`, whose CPU time is 
 
 import argparse
 import os
+import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
@@ -18,6 +19,8 @@ from typing import Any, Final
 import fsspec
 import numpy as np
 from bench_pipeline import SCENARIO, called, campaign_text
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 from s3_server import BUCKET, KEY_ID, SECRET, S3Server, rclone
 
 WANTED: Final = 50_000

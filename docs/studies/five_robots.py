@@ -1,6 +1,6 @@
 """Drive five robots with Nav2 files of their own, and check that each contact is recorded.
 
-    python tests/proofs/five_robots.py [--paths 3] [--runs 2] [--robots NAME...]
+    python docs/studies/five_robots.py [--paths 3] [--runs 2] [--robots NAME...]
 
 A body that overlaps a wall's cells by more than a centimeter in the recorded true poses must have had a contact; exits with 1 where one
 has not.

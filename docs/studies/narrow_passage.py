@@ -1,6 +1,6 @@
 """Count MPPI's runs that arrive through a wide enough passage, by inflation.
 
-    python tests/proofs/narrow_passage.py [--passages 0.75 0.8 0.85 0.9] [--runs 24] [--workers N]
+    python docs/studies/narrow_passage.py [--passages 0.75 0.8 0.85 0.9] [--runs 24] [--workers N]
 
 The robot drives through the door of `search_real.py`, where a box leaves a passage, without noise, with the parameters of Nav2's default
 file but for those of the inflation layers. Beside them stands what a cell costs at the inflation's edge, where the next one costs nothing.

@@ -1,6 +1,6 @@
 """The paper's three campaigns on the paper's maps, sampled to what some minutes of this machine's cores do.
 
-    python tests/proofs/paper_sample.py --maps ../shared/maps --minutes 10 --page docs/paper.md
+    python docs/studies/paper_sample.py --maps ../shared/maps --minutes 10 --page docs/paper.md
 
 For each campaign two small samples, in a store that is thrown away, measure what a configuration and what a call take of CPU time. Then
 the campaign is **one** call on a store that is empty, as large a sample as the CPU time that is left allows: `cores × minutes` for all

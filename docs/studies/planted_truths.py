@@ -14,7 +14,7 @@ Campaigns are drawn with known success rates, and the statistics of `vastflow.or
   one path in five five times as much (concentrated), or as many paths as make the margin everything (total). Of `others` the paths are
   drawn anew for each campaign; of `these` they stay. Runs of a pair are drawn independently, which is the worst that equal seeds may do.
 
-    python tests/proofs/planted_truths.py [--campaigns 1000] [PART ...]
+    python docs/studies/planted_truths.py [--campaigns 1000] [PART ...]
 
 Prints a table; exit code 1 where a rate of errors is above what is stated, by more than four standard errors of the simulation.
 """

@@ -10,7 +10,7 @@ sample of the drawn runs is also asked of `Looks.wanted`, one after another. For
 
 The populations are two that stopping harms most, one of all kinds, and, beyond these, two that are hard for this method.
 
-    python tests/proofs/truth_headline.py [--campaigns 500] [--workers 2] [--json FILE]
+    python docs/studies/truth_headline.py [--campaigns 500] [--workers 2] [--json FILE]
 
 Exit code 1 where a coverage is below 0.93 by more than two standard errors, or an interval of one of the first three populations is wider than 1.3.
 Needs numpy and scipy beside the package.
