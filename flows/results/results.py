@@ -28,6 +28,7 @@ from vastflow.flows.results.rows import KeptRows, StoredResult, one_block, parts
 from vastflow.flows.results.summary import Results, Summary, Work
 from vastflow.flows.results.tables import RunTables, write_instantiation
 from vastflow.oracles.results.executed import NAMED_FILES
+from vastflow.oracles.results.former import VERSION
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE
 from vastflow.producers.instantiation.family import robots_json
@@ -143,6 +144,7 @@ def metadata_of(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, 
     """Return the part of `metadata.json` that every campaign has, without outcome and work."""
     versions = {name: importlib.metadata.version(name) for name in _LIBRARIES}
     return {
+        "schema": VERSION,
         "name": campaign_name(campaign),
         "created": created.isoformat(timespec="seconds"),
         "vastflow": importlib.metadata.version("vastflow"),

@@ -15,7 +15,7 @@ import pyarrow as pa
 from pydantic import BaseModel, ValidationError, create_model
 
 from vastflow.oracles.judgment.oracle import Oracle, Parameters
-from vastflow.oracles.judgment.verdict import Judgment, Verdict
+from vastflow.oracles.judgment.verdict import FORMER, Judgment, Verdict, warn_of_former
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Reference, Trace
 from vastflow.sim.model.files import Unreadable, read_json
@@ -226,7 +226,11 @@ class NotebookOracle(Oracle[Parameters]):
                 f"{self.name} sets no {VERDICTS!r}", "it must be a table or list of rows, one for each run"
             )
         said: dict[int, Mapping[str, Any]] = {}
-        for row in _rows(left[VERDICTS]):
+        rows = list(_rows(left[VERDICTS]))
+        if any(FORMER in row for row in rows):
+            warn_of_former(self.name)
+            rows = [{"judgment" if name == FORMER else name: value for name, value in row.items()} for row in rows]
+        for row in rows:
             said[self._checked(row, said, traces)] = row
         return [self._said(trace, said.get(trace.run.run_index)) for trace in traces]
 

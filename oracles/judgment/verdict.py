@@ -2,10 +2,11 @@
 
 import json
 import math
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Final, Literal, TypeAlias
+from functools import cached_property, wraps
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -47,6 +48,37 @@ class WrittenMetrics(Mapping[str, Metric]):
         return {name: Metric(**metric) for name, metric in json.loads(self.text).items()}
 
 
+FORMER: Final = "judgement"
+"""The former name of `judgment`, which oracles and notebooks of 0.2 may use for one more version."""
+
+
+def warn_of_former(place: str) -> None:
+    """Warn whoever uses `FORMER`."""
+    text = f"{place}: {FORMER!r} goes with the next version. It is 'judgment' now."
+    warnings.warn(text, DeprecationWarning, stacklevel=3)
+
+
+def _taking_former(kind: type["Verdict"]) -> type["Verdict"]:
+    """Let `kind` be made and read by `FORMER` too."""
+    made = kind.__init__
+
+    @wraps(made)
+    def make(self: "Verdict", *args: Any, **named: Any) -> None:
+        if FORMER in named:
+            warn_of_former("Verdict")
+            named["judgment"] = named.pop(FORMER)
+        made(self, *args, **named)
+
+    def read(self: "Verdict") -> Judgment:
+        warn_of_former("Verdict")
+        return self.judgment
+
+    kind.__init__ = make  # type: ignore[method-assign]
+    setattr(kind, FORMER, property(read))
+    return kind
+
+
+@_taking_former
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """One oracle's judgment of one run.

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from vastflow.oracles.results.former import renamed_keys
 from vastflow.sim.model.files import read_json
 
 Coverage = Mapping[str, Any]
@@ -52,15 +53,16 @@ def read_coverage(directory: Path) -> Coverage:
         OSError: there is none.
         ValueError: it is damaged.
     """
-    found = read_json(directory / FILE)
     try:
+        found = renamed_keys(read_json(directory / FILE))
+        found["families"] = {family: renamed_keys(part) for family, part in found["families"].items()}
         for lines in (excluded, unrealizable, dimensions, pairs):
             tuple(lines(found))
         for _, part in parts(found):
             counts(part)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{FILE}: not what vastflow writes there: {error!r}") from None
-    return found  # type: ignore[no-any-return]
+    return found
 
 
 def parts(coverage: Coverage) -> list[tuple[str, Coverage]]:

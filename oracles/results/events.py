@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, get_args
 
+from vastflow.oracles.results.former import renamed_keys
 from vastflow.oracles.results.unfinished import final_of, is_running, place_of
 from vastflow.oracles.results.unusable import DAMAGE
 from vastflow.sim.model.files import json_value, open_file
@@ -51,7 +52,7 @@ class Event:
 def event_of(line: bytes) -> Event | None:
     """Return the event of a line; None if it is none."""
     try:
-        row = json_value(line)
+        row = renamed_keys(json_value(line))
         return Event(datetime.fromisoformat(row.pop("at")), str(row.pop("event")), row)
     except DAMAGE:
         return None

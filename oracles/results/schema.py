@@ -20,6 +20,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from vastflow.oracles.results.former import FORMER
 from vastflow.oracles.results.unusable import DAMAGE
 from vastflow.sim.model.archive import columns_of
 from vastflow.sim.model.digest import FileContent, Value
@@ -157,9 +158,13 @@ def plain(value: Value) -> Any:
 def read_columns(file: Path, *texts: str, without: Container[str] = ()) -> pa.Table:
     """A parquet file without some of its columns, its columns `texts` dictionary-encoded."""
     with _reading(file.name):
-        rows = _opened(file, texts)
+        try:
+            rows = _opened(file, texts)
+        except KeyError:  # of the former version
+            former = {now: name for name, now in FORMER.items()}
+            rows = _opened(file, [former.get(name, name) for name in texts])
         columns = [name for name in rows.schema_arrow.names if name not in without]
-        return rows.read(columns=columns).unify_dictionaries()
+        return renamed(rows.read(columns=columns).unify_dictionaries())
 
 
 def text_batches(file: Path, column: str, rows: int) -> Iterator[pa.Array]:
@@ -172,15 +177,20 @@ def text_batches(file: Path, column: str, rows: int) -> Iterator[pa.Array]:
 def table_rows(file: Path, *columns: str) -> list[dict[str, Any]]:
     """The rows of a parquet file, with all columns or its columns among `columns`."""
     with _reading(file.name):
-        rows: list[dict[str, Any]] = _opened(file).read(columns=list(columns) or None).to_pylist()
+        rows: list[dict[str, Any]] = renamed(_opened(file).read(columns=list(columns) or None)).to_pylist()
     return rows
+
+
+def renamed(table: pa.Table) -> pa.Table:
+    """A table with the present names of its columns, see `FORMER`."""
+    return table.rename_columns([FORMER.get(name, name) for name in table.column_names])
 
 
 def rows_of(file: Path, column: str, value: str) -> pa.Table:
     """The rows of a parquet file with a value in a column of texts."""
     with _reading(file.name):
         _check_texts((found := rows_with(file, column, value)).schema)
-    return found
+    return renamed(found)
 
 
 def table_of(content: bytes, name: str) -> pa.Table:
@@ -207,7 +217,9 @@ def _opened(source: Path | bytes, texts: Sequence[str] = ()) -> Any:
 def _check_texts(schema: pa.Schema) -> None:
     for each in schema:
         kind = each.type.value_type if pa.types.is_dictionary(each.type) else each.type
-        if each.name in _TEXTS and not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
+        if FORMER.get(each.name, each.name) in _TEXTS and not (
+            pa.types.is_string(kind) or pa.types.is_large_string(kind)
+        ):
             raise ValueError(f"column {each.name}: expected text, got {each.type}")
 
 

@@ -87,6 +87,14 @@ def test_notebook_leaves_verdicts_as_rows_or_table(tmp_path, capsys):
         assert judged(tmp_path, "metrics = {'d': 'm'}", leaves) == ("pass", "", {"d": None})
 
 
+def test_notebook_of_former_version_judges_and_warns(tmp_path):
+    table = (
+        "import pyarrow as pa\nverdicts = pa.table({'run_index': [3], 'judgement': ['fail'], 'reason': ['too slow']})"
+    )
+    with pytest.warns(DeprecationWarning, match="judge.ipynb: 'judgement' goes with the next version"):
+        assert judged(tmp_path, table) == ("fail", "too slow", {})
+
+
 SAID = "'run_index': 3, 'judgment': "
 
 
