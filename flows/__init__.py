@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from vastflow.flows.api import run_campaign
     from vastflow.flows.results.opened import open_results
-    from vastflow.flows.stages.api import execute, instantiate, judge, observe
+    from vastflow.flows.run.stages import execute, instantiate, judge, observe
 
 if __name__ != "vastflow.flows":
     raise ImportError(f"import vastflow.flows, not {__name__}: one module has one name")
@@ -20,5 +20,5 @@ _PLACES: Final = {"run_campaign": "api", "open_results": "results.opened"}
 def __getattr__(name: str) -> Any:
     # Importing this package must stay cheap: commands like `--help` do.
     if name in __all__:
-        return getattr(import_module(f"vastflow.flows.{_PLACES.get(name, 'stages.api')}"), name)
+        return getattr(import_module(f"vastflow.flows.{_PLACES.get(name, 'run.stages')}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

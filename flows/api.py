@@ -68,7 +68,7 @@ setattr(run_campaign, "__signature__", signature(run_campaign).replace(parameter
 def _cached(run: PreparedCampaign, results: Results) -> Results:
     """Return results for which nothing was computed, and show a configured API that."""
     if may_be_configured():
-        from vastflow.flows.flow_runs.pages import show_cached
+        from vastflow.flows.run.pages import show_cached
 
         show_cached(results, run.name, run.request.public())
     return results

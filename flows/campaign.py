@@ -18,16 +18,16 @@ from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
 from prefect.states import Cancelled, Completed, Failed
 
-from vastflow.flows.flow_runs.pages import Page, outcome_text, publish
-from vastflow.flows.flow_runs.task_runs import TaskRuns, compute_round, instantiate, suspendable, task_runs_of
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.summary import Results
+from vastflow.flows.run.batch_flow import compute_batch
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.event_log import EventLog, logged
 from vastflow.flows.run.judged import Judged, computed, look, scanned, through
+from vastflow.flows.run.pages import Page, outcome_text, publish
 from vastflow.flows.run.prepared import PreparedCampaign, open_run
 from vastflow.flows.run.reporting import reported
-from vastflow.flows.search.batch_flow import compute_batch
+from vastflow.flows.run.task_runs import TaskRuns, compute_round, instantiate, suspendable, task_runs_of
 from vastflow.tasks.engine.executor import PoolClosed
 from vastflow.tasks.engine.index import FoundRuns
 from vastflow.tasks.engine.shards import Shard

@@ -169,7 +169,7 @@ def one_server(prefect_home):
 
     The first campaign starts it, as it would without; later ones find it started, and none ends it.
     """
-    from vastflow.flows.flow_runs import flow_call
+    from vastflow.flows.run import flow_call
 
     @contextlib.contextmanager
     def shared(home):

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from vastflow.flows import open_results as open
     from vastflow.flows import run_campaign as run_campaign
     from vastflow.flows.results.summary import Results as Results
-    from vastflow.flows.stages.values import Configurations as Configurations
-    from vastflow.flows.stages.values import Recordings as Recordings
-    from vastflow.flows.stages.values import Traces as Traces
-    from vastflow.flows.stages.values import Verdicts as Verdicts
+    from vastflow.flows.run.stage_values import Configurations as Configurations
+    from vastflow.flows.run.stage_values import Recordings as Recordings
+    from vastflow.flows.run.stage_values import Traces as Traces
+    from vastflow.flows.run.stage_values import Verdicts as Verdicts
     from vastflow.oracles.results.events import follow as follow
     from vastflow.oracles.results.executed import recorded_tables as recorded_tables
     from vastflow.oracles.results.unfinished import ask_to_stop as ask_to_stop

@@ -24,7 +24,7 @@ from vastflow.oracles.statistics.comparison import Change, RateDifference, Targe
 from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
-    from vastflow.flows.comparison.campaigns import Compared
+    from vastflow.flows.analysis.comparison import Compared
 
 MOST_CHANGES: Final = 20
 """Configurations of a kind that are listed before all are asked for."""
@@ -76,7 +76,7 @@ class Comparisons:
             return self._compared(question)
 
     def _compare(self, question: Question) -> "Compared":
-        from vastflow.flows.comparison.campaigns import compared  # two seconds of imports
+        from vastflow.flows.analysis.comparison import compared  # two seconds of imports
 
         before, after = self._tables(question.before), self._tables(question.after)
         with reading(question.after.path):
@@ -88,7 +88,7 @@ class Comparisons:
         Raises:
             UserError: there is none, with the reason.
         """
-        from vastflow.flows.comparison.pictures import draw  # with matplotlib
+        from vastflow.flows.analysis.comparison_pictures import draw  # with matplotlib
 
         found = self.of(question)
         named = (each for each in found.changes if found.pairing.matches[each.configuration].after == configuration)

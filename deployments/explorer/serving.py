@@ -26,7 +26,7 @@ _WARM_AFTER_S: Final = 3.0
 _WARM: Final = (
     "vastflow.deployments.explorer.frames",
     "vastflow.flows.results.provenance",
-    "vastflow.flows.comparison.campaigns",
+    "vastflow.flows.analysis.comparison",
     "pandas",
     "scipy.stats",
 )

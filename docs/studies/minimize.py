@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from vastflow.flows import run_campaign
-from vastflow.flows.minimization.failing import NotMinimized
-from vastflow.flows.minimization.minimize import minimize_configuration
+from vastflow.flows.analysis.failing import NotMinimized
+from vastflow.flows.analysis.minimize import minimize_configuration
 
 TIMEOUT_S = 45
 RUNS = 3

@@ -47,9 +47,9 @@ def compare(
     for directory in (before, after):
         check_directory(directory)
     with Interruptible("interrupted"):
-        from vastflow.flows.comparison.campaigns import compared
-        from vastflow.flows.comparison.pictures import draw
-        from vastflow.flows.comparison.text import compared_json, compared_report, compared_text
+        from vastflow.flows.analysis.comparison import compared
+        from vastflow.flows.analysis.comparison_pictures import draw
+        from vastflow.flows.analysis.comparison_text import compared_json, compared_report, compared_text
         from vastflow.flows.terminal.display import printed
         from vastflow.oracles.results.tables import read_tables
 

@@ -40,12 +40,12 @@ def minimize(
     folder = out or results / "minimized" / configuration
     check_writable(folder, "--out")
     with executing(results, trust), computing() as display:
-        from vastflow.flows.minimization.minimize import minimize_configuration
+        from vastflow.flows.analysis.minimize import minimize_configuration
 
         found = minimize_configuration(results, configuration, oracle=oracle, rate=rate, observer=display, **asked)
     with writing(folder, "--out"):
         written = [str(each) for each in found.write(folder)]
-    from vastflow.flows.minimization.minimized import minimized_json, minimized_text
+    from vastflow.flows.analysis.minimized import minimized_json, minimized_text
 
     if as_json:
         print(json.dumps(minimized_json(found, written)))

@@ -1,1 +1,1 @@
-"""One run of a campaign: preparation, computation, and report."""
+"""A campaign and its stages: preparation, task runs of Prefect, searches, postprocessing, and report."""

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from platformdirs import user_cache_dir
 
-from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.summary import Work
+from vastflow.flows.run.flow_call import FlowCall
 from vastflow.oracles.judgment.oracle import Oracle
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.engine import process
@@ -28,7 +28,7 @@ from vastflow.tasks.prefect import campaign_log
 from vastflow.tasks.store.store import Store
 
 if TYPE_CHECKING:
-    from vastflow.flows.flow_runs.task_runs import TaskRuns
+    from vastflow.flows.run.task_runs import TaskRuns
 
 
 def stopwatch(tally: Tally) -> Callable[[], Work]:
@@ -73,7 +73,7 @@ class Computing:
         def called() -> Any:
             from prefect import flow
 
-            from vastflow.flows.flow_runs.task_runs import task_runs_of
+            from vastflow.flows.run.task_runs import task_runs_of
 
             @flow(name=self.stage, flow_run_name=self.title, persist_result=False)
             def alone() -> None:

@@ -15,7 +15,7 @@ from vastflow.flows.results.provenance import ingredients_row, origin_row
 from vastflow.flows.results.summary import Work
 from vastflow.flows.run.computing import Computing, computing, stopwatch, told
 from vastflow.flows.run.due import DueWork
-from vastflow.flows.search.progress import PointRuns, SearchProgress, search_progress
+from vastflow.flows.run.search_progress import PointRuns, SearchProgress, search_progress
 from vastflow.producers.campaign import Campaign
 from vastflow.sim.model.faults import FileError
 from vastflow.tasks.engine.forced import Forced

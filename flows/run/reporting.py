@@ -27,7 +27,7 @@ from vastflow.flows.run.due import WHY
 from vastflow.flows.run.event_log import EventLog, ended
 from vastflow.flows.run.judged import Judged
 from vastflow.flows.run.prepared import PreparedCampaign
-from vastflow.flows.search.tables import search_record, write_search
+from vastflow.flows.run.search_tables import search_record, write_search
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.files import read_json
@@ -73,7 +73,7 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: E
             write_search(place, run.search)
         written = write_judged(run, computing, judged, log.directory, record, report, kept)
     if steps := steps_of(run.campaign.spec.results_processing.postprocessing):
-        from vastflow.flows.postprocessing.postprocess import postprocessed
+        from vastflow.flows.run.postprocess import postprocessed
 
         computing.tally.begin("postprocessing")
         written = postprocessed(written, steps, run.campaign.path.parent)

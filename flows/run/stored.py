@@ -18,7 +18,7 @@ from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.judged import Judged, look, through
 from vastflow.flows.run.prepared import PreparedCampaign, open_run
 from vastflow.flows.run.reporting import write_judged
-from vastflow.flows.search.progress import BatchClock, SearchProgress
+from vastflow.flows.run.search_progress import BatchClock, SearchProgress
 from vastflow.oracles.evidence.wide import wide_table, write_wide
 from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.model.faults import UserError

@@ -2,9 +2,9 @@
 
 import pytest
 
-from vastflow.flows.flow_runs.pages import show_cached
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.summary import Results, Summary
+from vastflow.flows.run.pages import show_cached
 from vastflow.tasks.prefect.server import may_be_configured
 
 pytestmark = pytest.mark.timeout(900)

@@ -10,8 +10,7 @@ from whole_directory import CREATED, ConfigurationResult, write_results
 
 from vastflow.flows.plan import plan as plans
 from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
-from vastflow.flows.run import prepared
-from vastflow.flows.stages import api as stages
+from vastflow.flows.run import prepared, stages
 from vastflow.oracles.judgment.verdict import Verdict, write_verdicts
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Recording, Run
@@ -41,9 +40,7 @@ def flow_folder(tmp_path_factory, one_server, tree):
 
 @pytest.fixture
 def no_prefect(monkeypatch):
-    monkeypatch.setattr(
-        "vastflow.flows.flow_runs.flow_call.FlowCall.run", lambda *_: pytest.fail("Prefect was started")
-    )
+    monkeypatch.setattr("vastflow.flows.run.flow_call.FlowCall.run", lambda *_: pytest.fail("Prefect was started"))
 
 
 @pytest.fixture

@@ -153,7 +153,7 @@ def test_second_run_executes_nothing_starts_no_prefect_and_writes_the_same_bytes
     assert recordings(found) == recordings(first)
     shown = []
     monkeypatch.setattr("vastflow.flows.api.may_be_configured", lambda: True)
-    monkeypatch.setattr("vastflow.flows.flow_runs.pages.show_cached", lambda results, *_: shown.append(results))
+    monkeypatch.setattr("vastflow.flows.run.pages.show_cached", lambda results, *_: shown.append(results))
     assert again().summary.executed == 0  # the directory is there
     assert again(only=["room-1-1"]).summary.executed == 0  # the directory is new
     assert [each.summary.configurations for each in shown] == [4, 1]

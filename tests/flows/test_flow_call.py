@@ -8,8 +8,8 @@ import pytest
 from prefect.exceptions import PrefectHTTPStatusError
 from table import each_row
 
-from vastflow.flows.flow_runs import flow_call
-from vastflow.flows.flow_runs.flow_call import FLOWS, FlowCall
+from vastflow.flows.run import flow_call
+from vastflow.flows.run.flow_call import FLOWS, FlowCall
 from vastflow.tasks.engine.engine import Engine
 from vastflow.tasks.engine.index import Index
 from vastflow.tasks.engine.pool import Pool

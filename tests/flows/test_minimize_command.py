@@ -13,9 +13,9 @@ from PIL import Image
 from table import each_row
 
 from vastflow.flows import run_campaign
-from vastflow.flows.minimization.candidate_file import candidate_files, placed
-from vastflow.flows.minimization.failing import Failing
-from vastflow.flows.minimization.minimize import minimize_configuration
+from vastflow.flows.analysis.candidate_file import candidate_files, placed
+from vastflow.flows.analysis.failing import Failing
+from vastflow.flows.analysis.minimize import minimize_configuration
 from vastflow.flows.run.computing import Computing
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate, NotBuilt

@@ -12,8 +12,9 @@ from prefect.logging.configuration import setup_logging
 from prefect.logging.handlers import APILogHandler
 from table import each_row
 
-from vastflow.flows.flow_runs import pages
-from vastflow.flows.flow_runs.pages import (
+from vastflow.flows.results.summary import Results, Summary
+from vastflow.flows.run import pages
+from vastflow.flows.run.pages import (
     QUIET_S,
     Page,
     ProgressBar,
@@ -23,8 +24,7 @@ from vastflow.flows.flow_runs.pages import (
     publish,
     size_text,
 )
-from vastflow.flows.flow_runs.task_runs import TASK_RUNS, quiet_task_runs
-from vastflow.flows.results.summary import Results, Summary
+from vastflow.flows.run.task_runs import TASK_RUNS, quiet_task_runs
 from vastflow.tasks.engine.progress import Progress
 
 FLOW_RUN = str(uuid4())

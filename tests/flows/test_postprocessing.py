@@ -10,8 +10,8 @@ import pytest
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.export.run import poses_csv
-from vastflow.flows.postprocessing.postprocess import postprocessed
 from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.run.postprocess import postprocessed
 from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.sim.model.archive import write_outputs

@@ -12,11 +12,10 @@ from pocket import BATCHES, SCENARIO, computed, file_of
 from table import each_row
 
 from vastflow.flows import run_campaign
-from vastflow.flows.flow_runs import flow_call
-from vastflow.flows.minimization.failing import failing_configuration
+from vastflow.flows.analysis.failing import failing_configuration
 from vastflow.flows.request.run_request import request_of
 from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
-from vastflow.flows.run import prepared
+from vastflow.flows.run import flow_call, prepared
 from vastflow.flows.run.stored import write_stored
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.faults import FileError, UserError

@@ -10,9 +10,9 @@ from command_line import called
 from planned import planned
 
 from vastflow.flows import execute, instantiate, judge, observe, run_campaign
-from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.plan.text import plan_json, plan_text, why_json
 from vastflow.flows.results.past import past_of
+from vastflow.flows.run import flow_call
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -12,7 +12,7 @@ import pytest
 from command_line import called, refused
 from hostile import executed, stranger
 
-from vastflow.flows.minimization.minimize import minimize_configuration
+from vastflow.flows.analysis.minimize import minimize_configuration
 from vastflow.flows.request.run_request import asked_of
 from vastflow.flows.results import trust
 from vastflow.flows.results.inputs import replica

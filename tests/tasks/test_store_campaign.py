@@ -11,8 +11,7 @@ import pytest
 from room import SHORT_DRIVES, drawn_room
 
 from vastflow.flows import run_campaign
-from vastflow.flows.flow_runs import flow_call
-from vastflow.flows.run import prepared
+from vastflow.flows.run import flow_call, prepared
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.remote_files import RemoteFiles
 from vastflow.tasks.store.store import StoreError, open_store

@@ -7,9 +7,9 @@ from xml.etree import ElementTree
 
 import pytest
 
+from vastflow.flows.analysis.comparison import compared
+from vastflow.flows.analysis.comparison_text import compared_json, compared_report, compared_text
 from vastflow.flows.cli.show import show
-from vastflow.flows.comparison.campaigns import compared
-from vastflow.flows.comparison.text import compared_json, compared_report, compared_text
 from vastflow.flows.export.export import export
 from vastflow.flows.results.summary import Results
 from vastflow.flows.terminal.display import printed
@@ -43,7 +43,7 @@ def written(add_campaign):
         metadata = {**json.loads(file.read_text()), "robots": ROBOTS, **record}
         file.write_text(json.dumps(metadata))
         if record.get("search"):
-            from vastflow.flows.search.tables import ARCHIVE, EVALUATIONS
+            from vastflow.flows.run.search_tables import ARCHIVE, EVALUATIONS
             from vastflow.oracles.results.schema import write_table
 
             row = {

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vastflow.flows.comparison.campaigns import Compared
+from vastflow.flows.analysis.comparison import Compared
 from vastflow.oracles.figures.case_figure import Case, case_of, pair_figure
 from vastflow.oracles.figures.scene import read_walks
 from vastflow.oracles.figures.style import png

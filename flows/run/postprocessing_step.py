@@ -58,7 +58,7 @@ def offer() -> None:
         return
     for name, members in _NAMES.items():
         module = ModuleType(
-            name, "Stands for RoboVAST, which is not installed; see vastflow.flows.postprocessing.plug_in."
+            name, "Stands for RoboVAST, which is not installed; see vastflow.flows.run.postprocessing_step."
         )
         module.__path__ = []
         for member in members:

@@ -7,9 +7,9 @@ from prefect import flow
 from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
 
-from vastflow.flows.flow_runs.pages import INTERVAL_S, ProgressBar, key_of, show_text, tolerated
-from vastflow.flows.flow_runs.task_runs import TaskRuns, task_runs_of
-from vastflow.flows.search.progress import SearchProgress
+from vastflow.flows.run.pages import INTERVAL_S, ProgressBar, key_of, show_text, tolerated
+from vastflow.flows.run.search_progress import SearchProgress
+from vastflow.flows.run.task_runs import TaskRuns, task_runs_of
 from vastflow.tasks.engine.engine import Engine
 from vastflow.tasks.engine.progress import Progress, Reporter, Tally
 from vastflow.tasks.prefect.orphans import tagged

@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vastflow.flows.comparison.campaigns import Compared
+from vastflow.flows.analysis.comparison import Compared
 from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report
 from vastflow.flows.terminal.display import terminal_table
 from vastflow.flows.terminal.progress import count_text

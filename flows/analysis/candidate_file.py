@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import yaml
 
-from vastflow.flows.minimization.failing import Failing
+from vastflow.flows.analysis.failing import Failing
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import Inputs, copy_permitted, inputs_of
 from vastflow.oracles.judgment.oracle import Oracle

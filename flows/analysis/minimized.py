@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.flows.minimization.candidate_file import FILE
-from vastflow.flows.minimization.failing import Failing
+from vastflow.flows.analysis.candidate_file import FILE
+from vastflow.flows.analysis.failing import Failing
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.statistics.classes import StoppingRule
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval

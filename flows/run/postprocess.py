@@ -13,9 +13,9 @@ from typing import Any, Final, Literal
 
 from vastflow.flows.export.catalog import SHARED, Vast
 from vastflow.flows.export.export import export
-from vastflow.flows.postprocessing.plug_in import Request
 from vastflow.flows.results.results import write_json
 from vastflow.flows.results.summary import Results
+from vastflow.flows.run.postprocessing_step import Request
 from vastflow.producers.campaign_file.postprocessing import CONFIG, ProcessingStep
 from vastflow.sim.model.digest import file_digest
 from vastflow.sim.model.faults import message_of
@@ -124,7 +124,7 @@ def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
         answer = Path(aside) / "answer.json"
         class_name = step.name.rpartition(":")[2]
         request = Request(str(file), class_name, dict(step.parameters), str(copy), str(config), str(answer))
-        command = python_command("vastflow.flows.postprocessing.plug_in")
+        command = python_command("vastflow.flows.run.postprocessing_step")
         code, said = _process(command, copy, json.dumps(asdict(request)))
         if not answer.is_file():
             return False, f"its process {_ended(code, ' without an answer', said)}"

@@ -166,7 +166,7 @@ def task_runs_of(
     """
     from prefect.runtime import flow_run
 
-    from vastflow.flows.flow_runs.pages import INTERVAL_S, key_of, tolerated, update
+    from vastflow.flows.run.pages import INTERVAL_S, key_of, tolerated, update
     from vastflow.tasks.prefect.deployment import TAG
     from vastflow.tasks.prefect.orphans import mark_orphans, process_tags, untagged
 

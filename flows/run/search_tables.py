@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from vastflow.flows.search.progress import SearchProgress
+from vastflow.flows.run.search_progress import SearchProgress
 from vastflow.oracles.results.schema import plain, write_table
 from vastflow.producers.search.boundary import BAND, Boundary
 from vastflow.producers.search.criteria import best_of, runs_until

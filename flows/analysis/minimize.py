@@ -11,16 +11,16 @@ from typing import Final, TypeAlias
 
 from PIL import Image
 
-from vastflow.flows.flow_runs.task_runs import compute
-from vastflow.flows.minimization.candidate_file import BuiltCandidate, candidate_files, placed
-from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
-from vastflow.flows.minimization.minimized import Minimized, comment_of
+from vastflow.flows.analysis.candidate_file import BuiltCandidate, candidate_files, placed
+from vastflow.flows.analysis.failing import Failing, NotMinimized, failing_configuration
+from vastflow.flows.analysis.minimized import Minimized, comment_of
 from vastflow.flows.plan.plan import plan_view_of
 from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys
 from vastflow.flows.request.stopping import Stopping
 from vastflow.flows.results.trust import executing
 from vastflow.flows.run.computing import Computing, computing, told
-from vastflow.flows.search.progress import PointRuns
+from vastflow.flows.run.search_progress import PointRuns
+from vastflow.flows.run.task_runs import compute
 from vastflow.oracles.figures.case_figure import plan_view_figure
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.judgment.verdict import read_verdicts

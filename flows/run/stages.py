@@ -7,14 +7,14 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from vastflow.flows.flow_runs.task_runs import compute_round
-from vastflow.flows.flow_runs.task_runs import instantiate as instantiated
 from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys, open_campaign
 from vastflow.flows.request.configurations import distinct_configurations, narrowed
 from vastflow.flows.request.stopping import Stopping, stopping_of
 from vastflow.flows.run.computing import computing, told
 from vastflow.flows.run.judged import Judged, computed
-from vastflow.flows.stages.values import Configurations, Recordings, StageResult, Traces, Verdicts
+from vastflow.flows.run.stage_values import Configurations, Recordings, StageResult, Traces, Verdicts
+from vastflow.flows.run.task_runs import compute_round
+from vastflow.flows.run.task_runs import instantiate as instantiated
 from vastflow.oracles.judgment.oracle import Oracle
 from vastflow.oracles.judgment.registry import OracleError, oracle_of, oracles_of
 from vastflow.sim.model.faults import Fault, FileError, Place
@@ -29,7 +29,7 @@ from vastflow.tasks.store.artifact import Stored
 from vastflow.tasks.store.store import Lost
 
 if TYPE_CHECKING:
-    from vastflow.flows.flow_runs.task_runs import TaskRuns
+    from vastflow.flows.run.task_runs import TaskRuns
 
 OracleChoice: TypeAlias = str | Mapping[str, Mapping[str, Any]]
 """An oracle as a campaign file asks for it: its name, or `{name: parameters}`."""

@@ -1,1 +1,0 @@
-"""Searches: batches, evaluations, and tables."""

@@ -1,1 +1,0 @@
-"""The Python API, stage by stage."""
