@@ -18,11 +18,13 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
-from vastflow.deployments.explorer import configuration_page, facets, trajectories
+from vastflow.deployments.explorer import configuration_page, trajectories
 from vastflow.deployments.explorer.directories import Directories, headline_of
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages, address, arrays_reply, name_of, number_of
-from vastflow.deployments.explorer.selection import (
+from vastflow.oracles.evidence.headline import robot_text
+from vastflow.oracles.query import facets
+from vastflow.oracles.query.selection import (
     WIDE_FILE,
     Bools,
     Filter,
@@ -32,7 +34,6 @@ from vastflow.deployments.explorer.selection import (
     parse_filter,
     python_of,
 )
-from vastflow.oracles.evidence.headline import robot_text
 from vastflow.oracles.results.unusable import DAMAGE, reading
 from vastflow.sim.model.files import is_file, is_inside, read_bytes, read_text
 from vastflow.sim.model.parquet import open_table

@@ -11,15 +11,15 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from vastflow.deployments.explorer.facets import Chosen, rate_json
 from vastflow.deployments.explorer.opened import Campaign, OpenedCampaigns
 from vastflow.deployments.explorer.pages import Pages, arrays_reply, name_of
-from vastflow.deployments.explorer.selection import RunTable
 from vastflow.deployments.explorer.trajectories import floor_of, layer, read_paths, stored_file
-from vastflow.oracles.figures.scene import distinct_obstacles
 from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import signal_name, signals_of
+from vastflow.oracles.query.facets import Chosen, rate_json
+from vastflow.oracles.query.scene import distinct_obstacles
+from vastflow.oracles.query.selection import RunTable
 from vastflow.oracles.results.executed import KeptFiles, configuration_row, scenario_of_row
 from vastflow.oracles.results.tables import FAIL, JUDGMENTS, PASS
 from vastflow.oracles.results.unusable import DAMAGE, reading
@@ -72,7 +72,7 @@ def index_of(table: RunTable, name: str) -> int:
 
 def values_of(campaign: Campaign, k: int) -> Mapping[str, Any]:
     """Return the runs with their events, the values of the configuration, and its nearest neighbor of the other verdict."""
-    from vastflow.deployments.explorer.frames import event_rows  # a third of a second of imports
+    from vastflow.oracles.query.frames import event_rows  # a third of a second of imports
 
     table = campaign.table
     own = table.rows_of(k)

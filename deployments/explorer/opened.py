@@ -12,10 +12,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vastflow.deployments.explorer.directories import CampaignDirectory, Directories
-from vastflow.deployments.explorer.facets import Facets
-from vastflow.deployments.explorer.selection import WIDE_FILE, Runs, RunTable, read_run_table
 from vastflow.deployments.explorer.trajectories import Reading
 from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
+from vastflow.oracles.query.facets import Facets
+from vastflow.oracles.query.selection import WIDE_FILE, Runs, RunTable, read_run_table
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.tables import FAIL, read_verdicts
 from vastflow.oracles.results.unusable import DAMAGE, UnusableDirectory, reading

@@ -17,6 +17,7 @@ from starlette.routing import BaseRoute, Route
 
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.outputs import content_of, written_by
+from vastflow.deployments.explorer.packed import packed
 from vastflow.deployments.explorer.pages import ARRAYS, Pages, name_of, number_of
 from vastflow.flows.results.trust import NotPermitted
 from vastflow.oracles.results.executed import configuration_row
@@ -156,7 +157,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     kept = KeptLayers()
 
     def run(request: Request) -> Response:
-        from vastflow.deployments.explorer import frames  # a third of a second of imports
+        from vastflow.oracles.query import frames  # a third of a second of imports
 
         campaign = directories.find(name_of(request, "c"))
         configuration, run_index = name_of(request, "configuration"), number_of(request, "run")
@@ -197,14 +198,14 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         )
 
     def frames(request: Request) -> Response:
-        from vastflow.deployments.explorer.frames import frames_of, stored_run
+        from vastflow.oracles.query.frames import frames_of, stored_run
 
         campaign = directories.find(name_of(request, "c"))
         configuration = name_of(request, "configuration")
         stored = stored_run(campaign.path, configuration, number_of(request, "run"))
         kept.prepare()
         with reading(campaign.path.name):
-            return Response(frames_of(stored, configuration), media_type=ARRAYS)
+            return Response(packed(*frames_of(stored, configuration)), media_type=ARRAYS)
 
     async def layers(request: Request) -> Response:
         campaign = await asyncio.to_thread(directories.find, name_of(request, "c"))

@@ -24,7 +24,7 @@ LOOPBACK: Final = "127.0.0.1"
 _TOKEN_BYTES: Final = 24
 _WARM_AFTER_S: Final = 3.0
 _WARM: Final = (
-    "vastflow.deployments.explorer.frames",
+    "vastflow.oracles.query.frames",
     "vastflow.flows.results.provenance",
     "vastflow.flows.analysis.comparison",
     "pandas",

@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.deployments.explorer.facets import run_arrays
-from vastflow.deployments.explorer.selection import Bools, RunTable
+from vastflow.oracles.query.facets import run_arrays
+from vastflow.oracles.query.selection import Bools, RunTable
 from vastflow.oracles.results.executed import kept_map
 from vastflow.oracles.results.tables import FAIL, NOT_JUDGED
 from vastflow.oracles.results.unusable import DAMAGE
@@ -140,7 +140,7 @@ def floor_of(directory: Path, environment: str) -> Floor:
     Raises:
         ValueError: the map is missing or damaged.
     """
-    from vastflow.oracles.figures.scene import known_cells, known_extent_m
+    from vastflow.oracles.query.scene import known_cells, known_extent_m
 
     if Path(environment).name != environment:
         raise ValueError(f"expected the digest of a map, got {environment!r}")

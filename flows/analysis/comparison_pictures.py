@@ -9,8 +9,8 @@ import numpy as np
 
 from vastflow.flows.analysis.comparison import Compared
 from vastflow.oracles.figures.case_figure import Case, case_of, pair_figure
-from vastflow.oracles.figures.scene import read_walks
 from vastflow.oracles.figures.style import png
+from vastflow.oracles.query.scene import read_walks
 from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.tables import JUDGMENTS, Tables
 

@@ -183,7 +183,7 @@ def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list
 
 
 def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: "Difference | None") -> "Story":
-    from vastflow.oracles.figures.scene import zones_of
+    from vastflow.oracles.query.scene import zones_of
     from vastflow.oracles.replay.story import Story, view_of
     from vastflow.sim.reading.script import script_of
     from vastflow.sim.reading.world import world_of

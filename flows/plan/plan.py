@@ -275,7 +275,7 @@ def plan_view_of(configuration: Configuration) -> "Case":
         ValueError: it has no map, or a mission or an obstacle that can't be read.
     """
     from vastflow.oracles.figures.case_figure import Case
-    from vastflow.oracles.figures.scene import zones_of
+    from vastflow.oracles.query.scene import zones_of
 
     world = world_of(configuration.scenario.environment)
     if world is None:

@@ -14,10 +14,10 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures import maps
-from vastflow.oracles.figures.scene import NO_ZONES, Zones, zones_of
 from vastflow.oracles.figures.style import COLORS, DPI, INK, OBSTACLE_COLOR, OBSTACLE_EDGE, WORDS, place
 from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.observation.situation import Situation, situation_of
+from vastflow.oracles.query.scene import NO_ZONES, Zones, zones_of
 from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
 from vastflow.oracles.results.tables import Tables
 from vastflow.sim.model.obstacle import Obstacle

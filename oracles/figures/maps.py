@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from vastflow.oracles.figures import style
-from vastflow.oracles.figures.scene import NO_ZONES, Scene, Zones, known_cells, known_extent_m
 from vastflow.oracles.judgment.verdict import Judgment
+from vastflow.oracles.query.scene import NO_ZONES, Scene, Zones, known_cells, known_extent_m
 from vastflow.oracles.results.tables import CODES
 from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, FailureGrid, grid_over
 from vastflow.sim.model.obstacle import Obstacle

@@ -13,8 +13,8 @@ from vastflow.oracles.evidence.evidence import evidence_of, spreads_of
 from vastflow.oracles.evidence.findings import findings_of, stopping_rule
 from vastflow.oracles.evidence.varied import named
 from vastflow.oracles.figures.drawing import Before
-from vastflow.oracles.figures.scene import scenes_of
 from vastflow.oracles.page.words import position, short
+from vastflow.oracles.query.scene import scenes_of
 from vastflow.oracles.results.executed import KeptFiles, environment_names
 from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.statistics.classes import ClassName, runs_for_a_claim

@@ -20,9 +20,9 @@ from vastflow.oracles.figures.charts import (
     threshold_figure,
 )
 from vastflow.oracles.figures.drawing import Drawing
-from vastflow.oracles.figures.scene import Scene, Walks, distinct_obstacles, read_estimate, read_walks
 from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.page.section import Picture
+from vastflow.oracles.query.scene import Scene, Walks, distinct_obstacles, read_estimate, read_walks
 from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.tables import CODES, JUDGMENTS, Tables
 from vastflow.sim.model.obstacle import Obstacle

@@ -13,7 +13,6 @@ from markupsafe import Markup
 from vastflow.oracles.catalog.robustness import DEFAULT_BASIS
 from vastflow.oracles.evidence.causes import oracle_parameters
 from vastflow.oracles.evidence.findings import stopping_rule
-from vastflow.oracles.figures.scene import MAX_SCENES
 from vastflow.oracles.figures.style import CLASS_COLORS
 from vastflow.oracles.judgment.cause import CAUSES
 from vastflow.oracles.judgment.registry import known_oracles, oracle_class
@@ -31,6 +30,7 @@ from vastflow.oracles.page.section import (
     rate_cell,
 )
 from vastflow.oracles.page.words import class_needs_text, percent, plural, short
+from vastflow.oracles.query.scene import MAX_SCENES
 from vastflow.oracles.results import coverage
 from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.statistics.classes import passes_that_show

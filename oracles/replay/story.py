@@ -11,9 +11,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_extent_m
 from vastflow.oracles.figures.style import COLORS
 from vastflow.oracles.judgment.verdict import Judgment
+from vastflow.oracles.query.scene import NO_ZONES, Zones, known_extent_m
 from vastflow.oracles.replay.bands import SLOW_S
 from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.faults import UserError

@@ -10,10 +10,10 @@ from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.summary import Work
-from vastflow.oracles.figures.scene import scenes_of
 from vastflow.oracles.judgment.judge import judge_block
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.page.report import write_report
+from vastflow.oracles.query.scene import scenes_of
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.results.tables import read_tables
 from vastflow.producers.instantiation.instantiate import instantiate

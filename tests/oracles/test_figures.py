@@ -8,12 +8,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from PIL import Image
 
-from vastflow.oracles.figures import scene as scenes
 from vastflow.oracles.figures.case_figure import Case, pair_figure, plan_view_figure
 from vastflow.oracles.figures.charts import factor_figure
 from vastflow.oracles.figures.maps import map_figure, zone_handles
-from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_extent_m, read_walks, scenes_of, zones_of
 from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.query import scene as scenes
+from vastflow.oracles.query.scene import NO_ZONES, Zones, known_extent_m, read_walks, scenes_of, zones_of
 from vastflow.oracles.results.executed import environment_names
 from vastflow.oracles.results.tables import FAIL, PASS, read_tables
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect

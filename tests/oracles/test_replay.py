@@ -16,8 +16,8 @@ from PIL import Image
 from table import each_row
 
 from vastflow.oracles.figures.film import FilmError, write_mp4
-from vastflow.oracles.figures.scene import Zones
 from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK
+from vastflow.oracles.query.scene import Zones
 from vastflow.oracles.replay import still, story
 from vastflow.oracles.replay.bands import bands
 from vastflow.oracles.replay.close_up import BELIEF_COLOR, draw_close_up, ground

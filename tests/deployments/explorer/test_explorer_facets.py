@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 from vastflow.deployments.explorer.configuration_page import neighbor
-from vastflow.deployments.explorer.facets import (
+from vastflow.deployments.explorer.trajectories import STEP_M, joined, layer, paths_of
+from vastflow.oracles.query.facets import (
     BINS,
     Chosen,
     Facets,
@@ -15,8 +16,7 @@ from vastflow.deployments.explorer.facets import (
     summary_json,
     varying_of,
 )
-from vastflow.deployments.explorer.selection import WIDE_FILE, is_by_result, mask_of, parse_filter, read_run_table
-from vastflow.deployments.explorer.trajectories import STEP_M, joined, layer, paths_of
+from vastflow.oracles.query.selection import WIDE_FILE, is_by_result, mask_of, parse_filter, read_run_table
 from vastflow.oracles.statistics.failure_map import failure_map, grid_over
 
 CONFIGURATIONS, RUNS = 30, 8

@@ -8,7 +8,9 @@ import pytest
 from synthetic import SyntheticCampaign, a_recording, box_at, walled_room, write_map
 from unpacked import unpacked
 
-from vastflow.deployments.explorer.frames import (
+from vastflow.deployments.explorer.packed import packed
+from vastflow.oracles.observation.trace import NOWHERE_MM
+from vastflow.oracles.query.frames import (
     FREE,
     NO_POINTS,
     UNKNOWN,
@@ -19,8 +21,6 @@ from vastflow.deployments.explorer.frames import (
     scenario_spans,
     stored_run,
 )
-from vastflow.deployments.explorer.packed import packed
-from vastflow.oracles.observation.trace import NOWHERE_MM
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.recording import Event, Recording, Run
@@ -77,7 +77,7 @@ def test_packed_rejects_type_that_browsers_lack():
 
 
 def test_frames_hold_recorded_and_derived_columns(directory: Path):
-    header, arrays = unpacked(frames_of(stored_run(directory, "office-1", 1), "office-1"))
+    header, arrays = unpacked(packed(*frames_of(stored_run(directory, "office-1", 1), "office-1")))
     (_, recorded), (_, derived) = (
         read_block(directory / folder / "office-1.parquet")[1] for folder in ("recordings", "traces")
     )
@@ -93,7 +93,7 @@ def test_frames_hold_recorded_and_derived_columns(directory: Path):
 
 
 def test_frames_hold_map_start_goals_and_reference(directory: Path):
-    header, arrays = unpacked(frames_of(stored_run(directory, "office-1", 0), "office-1"))
+    header, arrays = unpacked(packed(*frames_of(stored_run(directory, "office-1", 0), "office-1")))
     (grid,) = header["grids"]
     cells = arrays[grid["cells"]]
     assert (grid["kind"], grid["x_m"], grid["y_m"], grid["resolution_m"]) == ("map", -0.5, 0.25, 0.05)
@@ -106,7 +106,7 @@ def test_frames_hold_map_start_goals_and_reference(directory: Path):
 
 
 def test_frames_hold_events_and_moves_of_obstacles(directory: Path):
-    header, _ = unpacked(frames_of(stored_run(directory, "office-1", 0), "office-1"))
+    header, _ = unpacked(packed(*frames_of(stored_run(directory, "office-1", 0), "office-1")))
     assert [(event["t_s"], event["kind"], event["text"]) for event in header["events"]] == [
         (0.5, "plan_failed", "no path to the goal (NO_VALID_PATH)"),
         (0.5, "recovery", "recovery: spin"),
@@ -119,7 +119,7 @@ def test_frames_hold_events_and_moves_of_obstacles(directory: Path):
 
 
 def test_frames_of_duplicate_are_those_of_its_original(directory: Path):
-    header, arrays = unpacked(frames_of(stored_run(directory, "office-2", 0), "office-2"))
+    header, arrays = unpacked(packed(*frames_of(stored_run(directory, "office-2", 0), "office-2")))
     assert (header["configuration"], header["executed"]) == ("office-2", "office-1")
     assert len(arrays["t_ms"]) == 41
 
@@ -136,7 +136,7 @@ def test_stored_run_names_missing_parts(directory: Path):
 
 def test_frames_report_missing_recording(directory: Path):
     (directory / "recordings" / "office-1.parquet").unlink()
-    header, arrays = unpacked(frames_of(stored_run(directory, "office-1", 1), "office-1"))
+    header, arrays = unpacked(packed(*frames_of(stored_run(directory, "office-1", 1), "office-1")))
     assert header["sentence"] == "This run was not recorded. The verdicts say why."
     assert (header["judgment"], arrays) == ("fail", {})
 
@@ -153,7 +153,7 @@ def test_frames_without_robot_have_events_and_actions():
     told = Run(0, "1:2:0", "failed", 0, "exit code 3", 2.6, 0.0, 0, 0)
     scenario = Scenario("builtin:navigate_to_pose", 60.0, {}, {}, {})
     run = StoredRun("growth-1", 0, scenario, Recording(told, {}, behaviors), NO_POINTS, {}, [])
-    header, arrays = unpacked(frames_of(run, "growth-1"))
+    header, arrays = unpacked(packed(*frames_of(run, "growth-1")))
     assert header["sentence"].startswith("This scenario has no robot")
     assert "outputs/growth-1.zip" in header["sentence"]
     span = {
@@ -184,7 +184,7 @@ def test_frames_leave_deviation_out_without_reference(directory: Path):
     run = stored_run(directory, "office-1", 0)
     assert len(run.reference_xy_m)
     without = replace(run, reference_xy_m=NO_POINTS)
-    _, arrays = unpacked(frames_of(without, "office-1"))
+    _, arrays = unpacked(packed(*frames_of(without, "office-1")))
     assert "deviation_mm" not in arrays
     assert "Off the reference path" not in [plot["title"] for plot in plots_of([without])]
 
@@ -221,7 +221,7 @@ def test_frames_hold_world_and_masks_beside_the_map(directory: Path, tmp_path: P
     system |= {"keepout_mask": map_content(write_map(tmp_path / "zone", zone, (1.0, 0.5)))}
     environment = {**run.scenario.environment, "world": {"seed": 1, "wall_offset": 0.05}}
     scenario = replace(run.scenario, environment=environment, system=system)
-    header, arrays = unpacked(frames_of(replace(run, scenario=scenario), "office-1"))
+    header, arrays = unpacked(packed(*frames_of(replace(run, scenario=scenario), "office-1")))
     _, world, keepout = header["grids"]
     assert [grid["kind"] for grid in header["grids"]] == ["map", "world", "keepout"]
     assert np.count_nonzero(arrays[world["cells"]] == WALL) > 100

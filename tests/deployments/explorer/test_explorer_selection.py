@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.deployments.explorer.selection import (
+from vastflow.oracles.evidence.wide import WIDE_FILE
+from vastflow.oracles.query.selection import (
     BadFilter,
     Between,
     Containing,
@@ -19,7 +20,6 @@ from vastflow.deployments.explorer.selection import (
     python_of,
     read_run_table,
 )
-from vastflow.oracles.evidence.wide import WIDE_FILE
 
 NUMBERS = (-1.5, 0.0, 0.1, 2.0, 1e-7)
 TEXTS = ("", "a|b", "a;b", "!", "x=y..z", "<script>", "ü*", "null")

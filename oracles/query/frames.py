@@ -13,12 +13,11 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from vastflow.deployments.explorer.packed import packed
-from vastflow.oracles.figures.scene import known_cells, known_extent_m, zones_of
 from vastflow.oracles.judgment.verdict import Metric, run_judgment
 from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, trace_of
+from vastflow.oracles.query.scene import known_cells, known_extent_m, zones_of
 from vastflow.oracles.results.executed import KeptFiles, configuration_row, recordings_of, scenario_of_row
 from vastflow.oracles.results.schema import VERDICTS, rows_of
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
@@ -149,15 +148,15 @@ def facts_of(run: StoredRun, asked: str) -> dict[str, Any]:
     return facts
 
 
-def frames_of(run: StoredRun, asked: str) -> bytes:
-    """Return the packed reply of a run, see `facts_of`.
+def frames_of(run: StoredRun, asked: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return the facts of a run, see `facts_of`, and arrays of what its map and its signals show.
 
     Raises:
         ValueError: a scenario or a map that can't be read.
     """
     facts = facts_of(run, asked)
     if run.recording is None or facts["sentence"]:
-        return packed(facts, {})
+        return facts, {}
     situation, robot = situation_of(run.scenario), system_of(run.scenario.system, is_drawn=True).robot
     grids = [*_grids(run.scenario)]
     facts |= {
@@ -171,7 +170,7 @@ def frames_of(run: StoredRun, asked: str) -> bytes:
     shown = dict.fromkeys([*POSES, *(column for _, _, lines in SIGNALS for column in lines if column in run.columns)])
     arrays = {name: run.columns[name] for name in shown}
     cells = {f"grid {k}": each for k, (_, each) in enumerate(grids)}
-    return packed(facts, {**arrays, **cells, "reference": run.reference_xy_m.astype(np.float32)})
+    return facts, {**arrays, **cells, "reference": run.reference_xy_m.astype(np.float32)}
 
 
 def plots_of(runs: Sequence[StoredRun]) -> Iterator[Mapping[str, Any]]:

@@ -11,7 +11,8 @@ import pyarrow.compute as pc
 import scipy.special  # noqa: F401 - which intervals import when they are first asked for, while somebody waits
 from numpy.typing import NDArray
 
-from vastflow.deployments.explorer.selection import (
+from vastflow.oracles.evidence.headline import Headline
+from vastflow.oracles.query.selection import (
     Between,
     Bools,
     Column,
@@ -24,7 +25,6 @@ from vastflow.deployments.explorer.selection import (
     mask_of,
     number_text,
 )
-from vastflow.oracles.evidence.headline import Headline
 from vastflow.oracles.results.factors import MOST_LEVELS
 from vastflow.oracles.results.tables import FAIL, NOT_JUDGED, PASS
 from vastflow.oracles.statistics.intervals import Counts
