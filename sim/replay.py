@@ -1,6 +1,7 @@
 """Replays: a recorded run executed again and observed, with snapshots of the robot copied from its stack."""
 
 import itertools
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,6 +22,7 @@ from vastflow.sim.nav2.navigator import state
 from vastflow.sim.nav2.navigator.state import Stack
 from vastflow.sim.run import run
 from vastflow.sim.world.motion import wrapped
+from vastflow.sim.world.obstacle_rows import outline_of
 from vastflow.sim.world.robot_model import Robot
 
 Activity: TypeAlias = Literal["starting", "following", "spin", "wait", "back up", "pausing", "resting", "ended"]
@@ -132,7 +134,7 @@ class TickSnapshot:
         scan_xy_m: The newest scan.
         particles: (N, 3) x, y, yaw of AMCL's last update.
         outline_m: (V, 2) padded footprint in the robot's frame.
-        obstacles: (K, 6) or more columns, rows as `vastflow.sim.world.lidar.scan` reads them.
+        obstacles: Outlines (N, 2) of the obstacles that are there.
         goals: Goals in order.
         global_costs: Requested part of the global costmap.
         local_costs: Local costmap; None before its first update.
@@ -147,7 +149,7 @@ class TickSnapshot:
     particles: NDArray[np.float64] = field(repr=False)
     robot: Robot
     outline_m: NDArray[np.float64] = field(repr=False)
-    obstacles: NDArray[np.float64] = field(repr=False)
+    obstacles: Sequence[NDArray[np.float64]] = field(repr=False)
     goals: tuple[Pose, ...]
     global_costs: Patch
     local_costs: Patch | None
@@ -202,7 +204,7 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box, overview: bool = True) -
         particles=np.column_stack([frame.points_to_map(particles[:, :2]), particles[:, 2] + frame.yaw_rad]),
         robot=stack.robot,
         outline_m=m["outline"][: m["vertices"]].copy(),
-        obstacles=_obstacles(stack.obstacles, frame),
+        obstacles=[frame.points_to_map(outline_of(row)) for row in stack.obstacles if math.isfinite(row[0])],
         goals=tuple(frame.pose_to_map(Pose(*goal)) for goal in stack.route.goals.tolist()),
         global_costs=_in_map(
             _cut(costs, place, Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())), frame
@@ -219,17 +221,6 @@ def _frame(stack: Stack) -> GridFrame:
 
 def _in_map(patch: Patch, frame: GridFrame) -> Patch:
     return replace(patch, corner=frame.pose_to_map(patch.corner))
-
-
-def _obstacles(rows: NDArray[np.float64], frame: GridFrame) -> NDArray[np.float64]:
-    """Return rows of obstacles in the map's frame; absent ones stay at `NOT_THERE`."""
-    placed = rows.copy()
-    there = np.isfinite(rows[:, :2]).all(axis=1)
-    placed[there, :2] = frame.points_to_map(rows[there, :2])
-    if frame.yaw_rad != 0.0:
-        (c, s), cos, sin = frame.turn, rows[there, 2], rows[there, 3]
-        placed[there, 2], placed[there, 3] = c * cos - s * sin, s * cos + c * sin
-    return placed
 
 
 def _placed(xy_m: NDArray[np.float64], frame: Pose) -> NDArray[np.float64]:

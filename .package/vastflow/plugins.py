@@ -51,6 +51,9 @@ if TYPE_CHECKING:
     from vastflow.sim.model.parameter import parameter as parameter
     from vastflow.sim.model.pose import Pose as Pose
     from vastflow.sim.model.recording import Run as Run
+    from vastflow.sim.model.shape import Box as Box
+    from vastflow.sim.model.shape import Disc as Disc
+    from vastflow.sim.model.shape import Polygon as Polygon
     from vastflow.sim.nav2.controllers.conformance import check_controller as check_controller
     from vastflow.sim.nav2.controllers.controller import Controller as Controller
     from vastflow.sim.nav2.controllers.controller import ControllerInput as ControllerInput
@@ -75,9 +78,6 @@ if TYPE_CHECKING:
     from vastflow.sim.system.facts import RobotFact as RobotFact
     from vastflow.sim.system.system import System as System
     from vastflow.sim.world.bodies import Body as Body
-    from vastflow.sim.world.bodies import Box as Box
-    from vastflow.sim.world.bodies import Disc as Disc
-    from vastflow.sim.world.bodies import Polygon as Polygon
     from vastflow.sim.world.motion import arc as arc
     from vastflow.sim.world.motion import wrapped as wrapped
     from vastflow.sim.world.noise import LidarNoise as LidarNoise

@@ -74,7 +74,7 @@ class Drive:
 def drive(occupancy: OccupancyMap, way_xy_m: np.ndarray, lidar: Lidar) -> Drive:
     """Follow a way with a carrot 0.5 m ahead, turning on the spot first where it lies aside."""
     robot, skips = Robot(), skip_table_of(np.ascontiguousarray(occupancy.occupied))
-    grid = skips, occupancy.resolution_m, *occupancy.origin_xy_m, np.zeros((0, 6))
+    grid = skips, occupancy.resolution_m, *occupancy.origin_xy_m, np.zeros((0, 7))
     beams = lidar.directions(), lidar.range_min_m, lidar.range_max_m
     x, y = way_xy_m[0]
     yaw = math.atan2(*(way_xy_m[8] - way_xy_m[0])[::-1])

@@ -16,6 +16,7 @@ from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Trace
 from vastflow.sim.model.elementary import hypots
 from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.shape import Box
 
 _RESOLUTION_M: Final = 1e-3
 """Resolution of a recording: a robot that stops before an obstacle is nearest to it until it leaves."""
@@ -148,7 +149,7 @@ class Safety(Oracle[SafetyParameters]):
         metrics: dict[str, float | None] = {"contacts": len(touched), "obstacle_contacts": len(obstacles_touched)}
         wrong = {"none": [], "obstacle": obstacles_touched, "any": touched}[self.parameters.fail_on_contact]
         # Obstacles of one size class have one required separation.
-        closest = {each.obstacle.size_class: each.obstacle for each in tracks}
+        closest = {str(each.obstacle.shape): each.obstacle for each in tracks}
         if closest and not len(trace):
             return self.not_judged(trace, "the recording has no rows", **metrics)
         if missing := [name for name in closest if f"separation_m/{name}" not in trace.columns]:
@@ -196,9 +197,9 @@ class Safety(Oracle[SafetyParameters]):
 
     def required_m(self, obstacle: Obstacle, robot_m: float, reading: Reading) -> float:
         """d_min (m) between the centers of a robot of radius `robot_m` and `obstacle`."""
-        p, radius_m = self.parameters, obstacle.circumradius_m
-        if reading == "cube" and obstacle.shape == "box":
-            radius_m = math.sqrt(3) / 2 * max(obstacle.length_m, obstacle.width_m)
+        p, shape, radius_m = self.parameters, obstacle.shape, obstacle.shape.circumradius_m
+        if reading == "cube" and isinstance(shape, Box):
+            radius_m = math.sqrt(3) / 2 * max(shape.length_m, shape.width_m)
         return radius_m + robot_m + p.max_speed_mps * p.max_speed_mps / (2 * p.max_deceleration_mps2)
 
     def _kept(self, trace: Trace, wrong: list[str], metrics: Mapping[str, float | None]) -> Verdict:

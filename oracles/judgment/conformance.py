@@ -18,13 +18,14 @@ from vastflow.oracles.observation.trace import MaybeReference, NoReference, Refe
 from vastflow.sim.model.obstacle import Obstacle, Trigger
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Outcome, Run
+from vastflow.sim.model.shape import Box, Disc
 from vastflow.sim.plug_ins.conformance import must, watched_generators
 
 STEP_S: Final = 0.1
 _START, _GOAL = Pose(0.0, 0.0), Pose(5.0, 0.0)
-_PALLET = Obstacle("pallet", "box", Pose(2.0, 1.5), 0.8, 0.8)
-_DRUM = Obstacle("drum", "cylinder", Pose(4.0, -1.0), 0.5, 0.5)
-_CARTON = Obstacle("carton", "box", Pose(3.5, 0.0), 0.5, 0.5, Trigger(3.5, 0.0, 1.0))
+_PALLET = Obstacle("pallet", Box(0.8, 0.8), Pose(2.0, 1.5))
+_DRUM = Obstacle("drum", Disc(0.25), Pose(4.0, -1.0))
+_CARTON = Obstacle("carton", Box(0.5, 0.5), Pose(3.5, 0.0), Trigger(3.5, 0.0, 1.0))
 
 
 @dataclass(frozen=True)

@@ -206,7 +206,7 @@ def distances_to(
         kind = "static" if track.was_there and track.appears_s is None else "appearing"
         apart_m.setdefault(f"{kind}_clearance_mm", []).append(track.clearance_m(t_ms, xy_m))
         centers_m = hypots(*(xy_m - track.at(t_ms)).T)
-        apart_m.setdefault(f"separation_mm/{track.obstacle.size_class}", []).append(centers_m)
+        apart_m.setdefault(f"separation_mm/{track.obstacle.shape}", []).append(centers_m)
     return {name: _mm(np.min(apart_m[name], axis=0)) for name in sorted(apart_m, key=lambda name: ("/" in name, name))}
 
 

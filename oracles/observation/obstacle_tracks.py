@@ -13,6 +13,7 @@ from vastflow.sim.model.elementary import cos_sin, dist, hypots
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Run
+from vastflow.sim.model.shape import Disc
 
 _SPAWNED, _MOVED, _DELETED = "spawned", "obstacle_moved", "deleted"
 _AWAY: Final = (math.inf, math.inf)
@@ -64,13 +65,14 @@ class ObstacleTrack:
         """Distances (N,) of points (N, 2) to its outline at the times (N,): 0 inside, infinite while absent."""
         place = self._place(t_ms)
         x_m, y_m = (xy_m - self.xy_m[place]).T
-        if self.obstacle.shape == "cylinder":
-            return np.asarray(np.maximum(hypots(x_m, y_m) - self.obstacle.length_m / 2, 0.0))
+        shape = self.obstacle.shape
+        if isinstance(shape, Disc):
+            return np.asarray(np.maximum(hypots(x_m, y_m) - shape.radius_m, 0.0))
         there = np.isfinite(x_m)
         x_m, y_m = np.where(there, x_m, 0.0), np.where(there, y_m, 0.0)
         c, s = np.array([cos_sin(yaw_rad) for yaw_rad in self.yaw_rad.tolist()]).T[:, place]
-        beyond_x_m = np.maximum(np.abs(c * x_m + s * y_m) - self.obstacle.length_m / 2, 0.0)
-        beyond_y_m = np.maximum(np.abs(c * y_m - s * x_m) - self.obstacle.width_m / 2, 0.0)
+        beyond_x_m = np.maximum(np.abs(c * x_m + s * y_m) - shape.length_m / 2, 0.0)
+        beyond_y_m = np.maximum(np.abs(c * y_m - s * x_m) - shape.width_m / 2, 0.0)
         return np.where(there, hypots(beyond_x_m, beyond_y_m), np.inf)
 
     def _place(self, t_ms: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -118,5 +120,4 @@ def spawned_by(run: Run) -> Iterator[Obstacle]:
     for entity in run.entities:
         event = next(event for event in events if event.what == entity.name)
         events.remove(event)
-        pose = Pose(event.x_m, event.y_m, event.value)
-        yield Obstacle(entity.name, entity.shape, pose, entity.length_m, entity.width_m)
+        yield entity.at(Pose(event.x_m, event.y_m, event.value))

@@ -253,7 +253,7 @@ def _track_row(track: ObstacleTrack) -> dict[str, Any]:
     obstacle = track.obstacle
     places = zip((track.since_ms * 1e-3).tolist(), *track.xy_m.T.tolist(), track.yaw_rad.tolist(), strict=True)
     size = {"length_m": obstacle.length_m, "width_m": obstacle.width_m}
-    return {"name": obstacle.name, "shape": obstacle.shape, **size, "places": [*places]}
+    return {"name": obstacle.name, "shape": obstacle.model, **size, "places": [*places]}
 
 
 def _grids(scenario: Scenario) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]]]:

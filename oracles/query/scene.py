@@ -256,5 +256,5 @@ def _distinct(points: list[tuple[float, float]]) -> NDArray[np.float64]:
 
 
 def distinct_obstacles(obstacles: Sequence[Obstacle]) -> list[Obstacle]:
-    """`obstacles` without repetitions of pose, size and shape."""
-    return list({(o.pose, o.length_m, o.width_m, o.shape): o for o in obstacles}.values())
+    """`obstacles` without repetitions of pose and shape."""
+    return list({(o.pose, o.shape): o for o in obstacles}.values())

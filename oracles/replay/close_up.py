@@ -44,9 +44,8 @@ def draw_close_up(axes: Axes, story: Story, snapshot: TickSnapshot) -> None:
     draw_zones(axes, story.zones)
     if snapshot.local_costs is not None:
         _draw_local(axes, snapshot.local_costs)
-    outlines = [_outline(row) for row in snapshot.obstacles if np.isfinite(row[:6]).all()]
     look: dict[str, Any] = {"facecolors": OBSTACLE_COLOR, "edgecolors": OBSTACLE_EDGE, "linewidths": 0.9, "alpha": 0.55}
-    axes.add_collection(PolyCollection(outlines, **look), autolim=False)
+    axes.add_collection(PolyCollection(snapshot.obstacles, **look), autolim=False)
     axes.plot(*story.estimated_xy_m[: tick + 1].T, color=BELIEF_COLOR, linewidth=0.9, linestyle=_DASHES, alpha=0.9)
     axes.plot(*story.true_xy_m[: tick + 1].T, color=story.color, linewidth=1.8, alpha=0.9, solid_capstyle="round")
     axes.plot(*snapshot.ahead_xy_m.T, color=GOAL_COLOR, linewidth=4.5, alpha=0.35, solid_capstyle="round")
@@ -154,16 +153,6 @@ def _draw_local(axes: Axes, patch: Patch) -> None:
     edge.set_transform(_place(patch) + axes.transData)
     axes.add_patch(edge)
     axes.set(xlim=limits[0], ylim=limits[1])  # which imshow has changed
-
-
-def _outline(row: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Corners (N, 2) of an obstacle's row (x, y, cos, sin, half length, half width or 0 for a cylinder)."""
-    x, y, c, s, length, width = row[:6].tolist()
-    if width == 0.0:
-        angles = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
-        return np.column_stack([x + length * np.cos(angles), y + length * np.sin(angles)])
-    corners = np.array([[length, width], [-length, width], [-length, -width], [length, -width]])
-    return np.asarray(corners @ np.array([[c, s], [-s, c]]) + (x, y))
 
 
 def _draw_robot(axes: Axes, snapshot: TickSnapshot) -> None:

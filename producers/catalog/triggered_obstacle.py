@@ -106,7 +106,7 @@ class ObstacleVariationWithDistanceTrigger(ObstacleProducer[TriggeredObstaclePar
         if total != 1:
             return f"{total} obstacles were asked for on a path of {site.length_m:.2f} m, and one trigger needs one"
         (pattern,) = [each.pattern for each in wanted if each.amount]
-        least_m = pattern.circumradius_m + site.ground.robot_diameter_m / 2
+        least_m = pattern.shape.circumradius_m + site.ground.robot_diameter_m / 2
         if distance_m < least_m and constructive:
             return f"at {distance_m:g} m the obstacle would appear where the robot is. Expected a trigger_distance of {least_m:.2f} m"
         rest = beyond(site.path_xy_m, distance_m)

@@ -14,6 +14,7 @@ from vastflow.producers.places.ground import Ground, touched_cells
 from vastflow.sim.model.elementary import atan2, cos_sin, dist, hypots
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.shape import Box, Disc
 
 Position: TypeAlias = tuple[float, float]
 
@@ -36,7 +37,7 @@ class Outline(NamedTuple):
 
 def outline_of(obstacle: Obstacle) -> Outline:
     """Return the area on which an obstacle stands."""
-    return Outline((obstacle.pose.x_m, obstacle.pose.y_m), obstacle.circumradius_m, obstacle.footprint())
+    return Outline((obstacle.pose.x_m, obstacle.pose.y_m), obstacle.shape.circumradius_m, obstacle.footprint())
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,6 +286,7 @@ def _around_as_v1(ground: Ground, obstacles: Sequence[Obstacle]) -> NDArray[np.b
     passable = ground.passable.copy()
     for obstacle in obstacles:
         length_m, width_m = (side_m + ground.robot_diameter_m for side_m in (obstacle.length_m, obstacle.width_m))
-        grown = replace(obstacle, length_m=length_m, width_m=width_m)
+        is_disc = isinstance(obstacle.shape, Disc)
+        grown = replace(obstacle, shape=Disc(length_m / 2) if is_disc else Box(length_m, width_m))
         passable[tuple(touched_cells(ground.occupancy, grown.footprint(), 0.0).T)] = False
     return passable

@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vastflow.sim.kernels.streams import streams_of
 from vastflow.sim.model.elementary import cos_sin
@@ -18,7 +17,8 @@ from vastflow.sim.nav2.navigator.prepared import PreparedMap
 from vastflow.sim.nav2.navigator.state import ROW_TICKS, SUBSTEPS, give, new_stack, set_pose
 from vastflow.sim.nav2.navigator.tick import APPEARS, PHYSICS, advance, conclude, halt, start
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.world.motion import FREE, MOVING, NOT_THERE, Body
+from vastflow.sim.world.motion import FREE, MOVING, Body
+from vastflow.sim.world.obstacle_rows import NOT_THERE, obstacle_rows, trigger_rows
 from vastflow.sim.world.physics import Physics
 from vastflow.sim.world.robot_model import Lidar, Robot
 
@@ -212,24 +212,3 @@ def _in_map(event: Event, frame: GridFrame) -> Event:
         return replace(event, x_m=x_m, y_m=y_m)
     # An obstacle is rounded as the world rounds it, and its value is its yaw.
     return replace(event, x_m=round(x_m, 4), y_m=round(y_m, 4), value=round(event.value + frame.yaw_rad, 4))
-
-
-def obstacle_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
-    """Return rows (K, 6) for `vastflow.sim.world.lidar.scan`; obstacles still to appear are at `NOT_THERE`."""
-    rows = []
-    for o in obstacles:
-        x_m, y_m = (o.pose.x_m, o.pose.y_m) if o.trigger is None else (NOT_THERE, NOT_THERE)
-        half_width_m = 0.0 if o.shape == "cylinder" else o.width_m / 2
-        rows.append((x_m, y_m, *cos_sin(o.pose.yaw_rad), o.length_m / 2, half_width_m))
-    return np.array(rows, dtype=np.float64).reshape(-1, 6)
-
-
-def trigger_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
-    """Return rows (K, 5) for `vastflow.sim.world.motion.Body`."""
-    rows = [
-        (0.0, 0.0, -1.0, 0.0, math.inf)
-        if (t := o.trigger) is None
-        else (t.x_m, t.y_m, t.distance_m, round(t.delay_s / TICK_S), math.inf)
-        for o in obstacles
-    ]
-    return np.array(rows, dtype=np.float64).reshape(-1, 5)

@@ -84,7 +84,7 @@ def recording_of(
             recoveries=int(m["recoveries"]),
             missed_goals=int(m["missed"]),
             events=tuple(sorted(events, key=lambda event: event.t_s)),
-            entities=tuple(Entity(o.name, o.shape, o.length_m, o.width_m) for o in loop.spawned),
+            entities=tuple(Entity(o.name, o.model, o.length_m, o.width_m) for o in loop.spawned),
         ),
         columns,
         behaviors or {},

@@ -5,13 +5,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
-from shapely.geometry import Polygon
+import shapely
 
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.elementary import cos_sin, hypot, log
 from vastflow.sim.model.pose import GridFrame, Pose, pose_of
+from vastflow.sim.model.shape import Box, Disc, outline_at
 
-Shape: TypeAlias = Literal["box", "cylinder"]
+Model: TypeAlias = Literal["box", "cylinder"]
 
 MASS_KG: Final = 5.0
 FRICTION: Final = 0.4
@@ -33,39 +33,15 @@ class Obstacle:
     """A box or cylinder: fixed from the start without a trigger, appearing and pushable with one.
 
     Attributes:
-        length_m, width_m: Extents along its own x and y (a cylinder's diameter).
         mass_kg, friction: Properties of one that appears; friction with the floor.
     """
 
     name: str
-    shape: Shape
+    shape: Disc | Box
     pose: Pose
-    length_m: float
-    width_m: float
     trigger: Trigger | None = None
     mass_kg: float = MASS_KG
     friction: float = FRICTION
-
-    @property
-    def circumradius_m(self) -> float:
-        """Greatest distance from the center to the outline."""
-        return self.length_m / 2 if self.shape == "cylinder" else hypot(self.length_m, self.width_m) / 2
-
-    @property
-    def mean_radius_m(self) -> float:
-        """Mean distance of the floor area's points from the center: the lever arm of friction."""
-        if self.shape == "cylinder":
-            return self.length_m / 3
-        a, b = self.length_m / 2, self.width_m / 2
-        d = hypot(a, b)
-        return d / 3 + a * a / (6 * b) * log((b + d) / a) + b * b / (6 * a) * log((a + d) / b)
-
-    @property
-    def size_class(self) -> str:
-        """Common name of obstacles of one shape and size, such as `box 0.5 x 0.5 m`."""
-        if self.shape == "cylinder":
-            return f"cylinder {self.length_m:g} m"
-        return f"box {self.length_m:g} x {self.width_m:g} m"
 
     def in_grid(self, frame: GridFrame) -> "Obstacle":
         """Return the obstacle in the frame of a map's grid."""
@@ -77,25 +53,30 @@ class Obstacle:
             trigger = replace(trigger, x_m=x_m, y_m=y_m)
         return replace(self, pose=frame.pose_to_grid(self.pose), trigger=trigger)
 
-    def footprint(self) -> Polygon:
-        """Return the outline in the map frame (m); a cylinder is a 64-gon round its circle."""
-        if self.shape == "cylinder":
-            corners, (c, s) = ((self.length_m / 2 * x, self.length_m / 2 * y) for x, y in _CIRCLE), (1.0, 0.0)
-        else:
-            corners = ((self.length_m / 2 * x, self.width_m / 2 * y) for x, y in _SQUARE)
-            c, s = cos_sin(self.pose.yaw_rad)
-        return Polygon([(self.pose.x_m + (c * x - s * y), self.pose.y_m + (s * x + c * y)) for x, y in corners])
+    @property
+    def model(self) -> Model:
+        """Common name of its shape."""
+        return "cylinder" if isinstance(self.shape, Disc) else "box"
 
+    @property
+    def length_m(self) -> float:
+        """Extent along its own x; a cylinder's diameter."""
+        return 2 * self.shape.radius_m if isinstance(self.shape, Disc) else self.shape.length_m
 
-_CIRCLE: Final = tuple((x, -y) for x, y in (cos_sin(k * math.pi / 32) for k in range(64)))
-_SQUARE: Final = ((1, -1), (1, 1), (-1, 1), (-1, -1))
-"""Corners of a footprint of 2 × 2 m."""
+    @property
+    def width_m(self) -> float:
+        """Extent along its own y; a cylinder's diameter."""
+        return self.length_m if isinstance(self.shape, Disc) else self.shape.width_m
+
+    def footprint(self) -> shapely.Polygon:
+        """Return the outline in the map frame (m)."""
+        return outline_at(self.shape, self.pose)
 
 
 DEFAULT_SIZE_M: Final = 0.5
 """Edge or diameter that the models have by default."""
 
-ARGUMENTS: Final[Mapping[Shape, tuple[str, ...]]] = {
+ARGUMENTS: Final[Mapping[Model, tuple[str, ...]]] = {
     "box": ("width", "length", "height", "box_width", "box_length", "box_height", "mass", "friction"),
     "cylinder": ("diameter", "radius", "width", "length", "height", "mass", "friction"),
 }
@@ -154,18 +135,19 @@ def obstacle_of(
         ValueError: a pose, a size or a trigger that can't be read, or an argument that the model does not have.
     """
     model = str(entry.get("model") or "box")
-    shape: Shape = "cylinder" if "cylinder" in model.rsplit("/", 1)[-1].lower() else "box"
-    numbers = _arguments(str(entry.get("xacro_arguments") or ""), shape, where)
+    is_cylinder = "cylinder" in model.rsplit("/", 1)[-1].lower()
+    numbers = _arguments(str(entry.get("xacro_arguments") or ""), "cylinder" if is_cylinder else "box", where)
     pose = pose_of(entry["spawn_pose"], f"{where}.spawn_pose")
-    if shape == "cylinder":
+    shape: Disc | Box
+    if is_cylinder:
         radius_m = numbers.get("radius", numbers.get("width", DEFAULT_SIZE_M) / 2)
-        length_m = width_m = numbers.get("diameter", 2 * radius_m)
+        shape = Disc(numbers.get("diameter", 2 * radius_m) / 2)
     else:
         width_m = numbers.get("width", numbers.get("box_width", DEFAULT_SIZE_M))
-        length_m = numbers.get("length", numbers.get("box_length", width_m))
+        shape = Box(numbers.get("length", numbers.get("box_length", width_m)), width_m)
     name, trigger = str(entry.get("entity_name") or where), _trigger(entry, where, environment or {})
     mass_kg, friction = numbers.get("mass", MASS_KG), numbers.get("friction", FRICTION)
-    return Obstacle(name, shape, pose, length_m, width_m, trigger, mass_kg, friction)
+    return Obstacle(name, shape, pose, trigger, mass_kg, friction)
 
 
 def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, Value]) -> Trigger | None:
@@ -196,7 +178,7 @@ def _not_negative(value: Value, where: str, what: str) -> float:
     return float(value)
 
 
-def _arguments(text: str, shape: Shape, where: str) -> dict[str, float]:
+def _arguments(text: str, model: Model, where: str) -> dict[str, float]:
     sizes: dict[str, float] = {}
     for part in text.replace(",", " ").split():
         key, found, number = part.partition(":=")
@@ -206,6 +188,6 @@ def _arguments(text: str, shape: Shape, where: str) -> dict[str, float]:
             found = ""
         if not found or not sizes[key] > 0 or not math.isfinite(sizes[key]):
             raise ValueError(f"{where}: expected a size greater than 0, such as width:=0.5, got {part!r}")
-        if key not in ARGUMENTS[shape]:
-            raise ValueError(f"{where}: a {shape} has no argument {key!r}. It has {', '.join(ARGUMENTS[shape])}")
+        if key not in ARGUMENTS[model]:
+            raise ValueError(f"{where}: a {model} has no argument {key!r}. It has {', '.join(ARGUMENTS[model])}")
     return sizes

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.model.digest import digest
-from vastflow.sim.model.obstacle import Shape
+from vastflow.sim.model.obstacle import Model, Obstacle
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.shape import Box, Disc
 
 Columns: TypeAlias = Mapping[str, NDArray[Any]]
 """Name to (N,) float64, int64, bool or str, all of one length."""
@@ -71,9 +73,14 @@ class Entity:
     """Shape of an obstacle that a scenario put into the world; events have its places."""
 
     name: str
-    shape: Shape
+    shape: Model
     length_m: float
     width_m: float
+
+    def at(self, pose: Pose) -> Obstacle:
+        """Return the obstacle at a pose."""
+        is_disc = self.shape == "cylinder"
+        return Obstacle(self.name, Disc(self.length_m / 2) if is_disc else Box(self.length_m, self.width_m), pose)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,48 +3,18 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 import shapely
 
-from vastflow.sim.model.elementary import cos_sin, hypots
+from vastflow.sim.model.elementary import hypots
 from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.shape import Disc, Shape, outline_at
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, OccupancyMap
 
 LARGEST_CELL_M: Final = 0.025
 """Largest cell of walls that are made of bodies."""
-_SEGMENTS: Final = 64
-"""Segments of a disc's outline."""
-
-
-@dataclass(frozen=True, slots=True)
-class Disc:
-    """A disc about a body's pose."""
-
-    radius_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class Box:
-    """A rectangle about a body's pose: `length_m` along its x, `width_m` along its y."""
-
-    length_m: float
-    width_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class Polygon:
-    """A polygon in a body's frame.
-
-    Attributes:
-        vertices_m: Three (x, y) or more, without a repeated first one.
-    """
-
-    vertices_m: tuple[tuple[float, float], ...]
-
-
-Shape: TypeAlias = Disc | Box | Polygon
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,18 +36,7 @@ class Body:
     @property
     def outline(self) -> shapely.Polygon:
         """The outline in the map's frame (m)."""
-        x_m, y_m = self.pose.x_m, self.pose.y_m
-        match self.shape:
-            case Disc(radius_m):
-                turns = (cos_sin(math.tau * k / _SEGMENTS) for k in range(_SEGMENTS))
-                return shapely.Polygon([(x_m + radius_m * c, y_m + radius_m * s) for c, s in turns])
-            case Box(length_m, width_m):
-                a, b = length_m / 2, width_m / 2
-                vertices: Sequence[tuple[float, float]] = ((a, b), (-a, b), (-a, -b), (a, -b))
-            case Polygon(vertices):
-                pass
-        c, s = cos_sin(self.pose.yaw_rad)
-        return shapely.Polygon([(x_m + c * x - s * y, y_m + s * x + c * y) for x, y in vertices])
+        return outline_at(self.shape, self.pose)
 
 
 def walls_of(bodies: Sequence[Body], occupancy: OccupancyMap) -> OccupancyMap:

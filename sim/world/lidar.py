@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vastflow.sim.kernels.binding import Bound, Running, Seam, calling, forwarding
 from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.world.noise import LidarNoise, Scan
+from vastflow.sim.world.obstacle_rows import DISC, SHAPE
 from vastflow.sim.world.skip_table import SkipTable, ranges_to_walls
 
 
@@ -31,8 +32,7 @@ def scan(
 
     Args:
         skips: Of the map's walls.
-        obstacles: (K, 6) float64 rows x, y, cos yaw, sin yaw, half length, half width in meters; a cylinder has a half width of 0
-            and its radius as half length. An absent obstacle has an x of `inf`.
+        obstacles: (K, 7) float64, see `vastflow.sim.world.obstacle_rows`.
         sensor_xyt: (3,) sensor position in the map and the robot's yaw.
         directions: (B, 2) beams in the robot's frame, evenly spaced counter-clockwise over one turn at the most.
     """
@@ -86,7 +86,7 @@ def range_to_obstacle(obstacle: Any, x_m: float, y_m: float, dx: float, dy: floa
     reach = math.sqrt(obstacle[4] * obstacle[4] + obstacle[5] * obstacle[5])
     if abs(across) > reach or along < -reach:
         return np.inf
-    if obstacle[5] == 0.0:
+    if obstacle[SHAPE] == DISC:
         half = math.sqrt(max(obstacle[4] * obstacle[4] - across * across, 0.0))
         near, far = along - half, along + half
     else:

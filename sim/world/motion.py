@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from vastflow.sim.kernels.numeric import inner, njit
+from vastflow.sim.world.obstacle_rows import DISC, SHAPE
 from vastflow.sim.world.skip_table import WALL, SkipTable, free_square
 
 
@@ -64,9 +65,6 @@ MARGIN_M: Final = 0.001
 FREE, TOUCHING, MOVING = 0, 1, 2
 """State of the engine: no contact; a robot in contact with things at rest; things in motion."""
 
-NOT_THERE: Final = math.inf
-"""Position of an obstacle that has not appeared yet."""
-
 
 class Body(NamedTuple):
     """The robot's body, and the obstacles that stand or appear in the world.
@@ -74,7 +72,7 @@ class Body(NamedTuple):
     Attributes:
         pose: (3,) float64 true x, y, yaw; kernels and the engine move it in turn.
         radius_m: Of its disc, or of one that holds its polygon: near anything the engine looks closer.
-        obstacles: (K, 6) float64 as `vastflow.sim.world.lidar.scan` reads them, `NOT_THERE` until they appear.
+        obstacles: (K, 7) float64, see `vastflow.sim.world.obstacle_rows`.
         triggers: (K, 5) float64 x, y of each obstacle's trigger point, the distance from it within which the robot triggers the
             obstacle, the ticks from then until it appears, and the tick at which it does. The distance is negative for one that
             was triggered or never will be, the tick infinite until it is triggered and once it has appeared.
@@ -158,7 +156,7 @@ def _meets(obstacle: Any, x_m: float, y_m: float, radius_m: float) -> bool:
     away = obstacle[4] + obstacle[5] + radius_m
     if not (abs(dx) <= away and abs(dy) <= away):
         return False
-    if obstacle[5] == 0.0:
+    if obstacle[SHAPE] == DISC:
         return bool(dx * dx + dy * dy <= away * away)
     c, s = obstacle[2], obstacle[3]
     px = max(abs(dx * c + dy * s) - obstacle[4], 0.0)

@@ -18,6 +18,7 @@ from pymunk._chipmunk_cffi import ffi
 from vastflow.sim.model.elementary import cos_sin, dist, hypot
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.recording import Event
+from vastflow.sim.model.shape import Box, Disc
 from vastflow.sim.world.motion import FREE, MOVING, TOUCHING, chord_mps
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Robot
@@ -174,13 +175,13 @@ class Physics:
         obstacle = self._obstacles[index]
         body = pymunk.Body(obstacle.mass_kg, _inertia(obstacle))
         body.position, body.angle = (obstacle.pose.x_m, obstacle.pose.y_m), obstacle.pose.yaw_rad
-        if obstacle.shape == "box":
+        if isinstance(obstacle.shape, Box):
             _turn_by_own_functions(body)
         grip_n = obstacle.friction * obstacle.mass_kg * GRAVITY_MPS2
         slide = pymunk.PivotJoint(self._space.static_body, body, (0.0, 0.0), (0.0, 0.0))
         slide.max_force = grip_n
         turn = pymunk.GearJoint(self._space.static_body, body, 0.0, 1.0)
-        turn.max_force = grip_n * obstacle.mean_radius_m
+        turn.max_force = grip_n * obstacle.shape.mean_radius_m
         for joint in (slide, turn):
             joint.max_bias = 0.0  # friction only takes speed away
         self._space.add(body, self._shape(obstacle, body), slide, turn)
@@ -258,10 +259,11 @@ class Physics:
 
     def _shape(self, obstacle: Obstacle, body: pymunk.Body) -> pymunk.Shape:
         shape: pymunk.Shape
-        if obstacle.shape == "cylinder":
-            shape = pymunk.Circle(body, obstacle.length_m / 2)
-        else:
-            shape = pymunk.Poly.create_box(body, (obstacle.length_m, obstacle.width_m))
+        match obstacle.shape:
+            case Disc(radius_m):
+                shape = pymunk.Circle(body, radius_m)
+            case Box(length_m, width_m):
+                shape = pymunk.Poly.create_box(body, (length_m, width_m))
         shape.collision_type = OBSTACLE
         self._names[shape] = obstacle.name
         return shape
@@ -327,6 +329,8 @@ def _robot_shapes(robot: Robot, body: pymunk.Body) -> list[pymunk.Shape]:
 
 
 def _inertia(obstacle: Obstacle) -> float:
-    if obstacle.shape == "cylinder":
-        return float(pymunk.moment_for_circle(obstacle.mass_kg, 0.0, obstacle.length_m / 2))
-    return float(pymunk.moment_for_box(obstacle.mass_kg, (obstacle.length_m, obstacle.width_m)))
+    match obstacle.shape:
+        case Disc(radius_m):
+            return float(pymunk.moment_for_circle(obstacle.mass_kg, 0.0, radius_m))
+        case Box(length_m, width_m):
+            return float(pymunk.moment_for_box(obstacle.mass_kg, (length_m, width_m)))

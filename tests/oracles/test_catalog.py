@@ -17,6 +17,7 @@ from vastflow.oracles.observation.trace import NoReference, Reference, Trace
 from vastflow.sim.model.obstacle import Obstacle, Trigger
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
+from vastflow.sim.model.shape import Box, Disc
 
 STRAIGHT = Reference(np.array([[0.0, 0.0], [10.0, 0.0]]), 10.0)
 NO_MAP = NoReference("the scenario has no map")
@@ -162,15 +163,15 @@ def test_performance_says_how_far_path_is_from_reference():
 
 
 def box(edge_m, x_m=5.0):
-    return Obstacle("box", "box", Pose(x_m, 0.0), edge_m, edge_m)
+    return Obstacle("box", Box(edge_m, edge_m), Pose(x_m, 0.0))
 
 
-DRUM = Obstacle("drum", "cylinder", Pose(0.0, 0.0), 0.6, 0.6)
+DRUM = Obstacle("drum", Disc(0.3), Pose(0.0, 0.0))
 
 
 def passing(separation_m, *, events=(), obstacles=None, **parameters):
     """The verdict on a robot with the smallest separations from obstacles."""
-    columns = {f"separation_m/{o.size_class}": [max(3.0, s), s, max(3.0, s)] for o, s in separation_m.items()}
+    columns = {f"separation_m/{o.shape}": [max(3.0, s), s, max(3.0, s)] for o, s in separation_m.items()}
     present = separation_m if obstacles is None else obstacles
     return judged("safety", along(rows=3), *present, events=events, parameters=parameters, **columns)
 
@@ -353,7 +354,7 @@ STEP_S = 0.1
 
 
 def carton(x_m, name="carton", *, appears=True, edge_m=0.5):
-    return Obstacle(name, "box", Pose(x_m, 0.0), edge_m, edge_m, Trigger(x_m, 0.0, 1.0) if appears else None)
+    return Obstacle(name, Box(edge_m, edge_m), Pose(x_m, 0.0), Trigger(x_m, 0.0, 1.0) if appears else None)
 
 
 def answered(speed_mps, obstacles, appears_s, **parameters):
@@ -371,7 +372,7 @@ def answered(speed_mps, obstacles, appears_s, **parameters):
     columns = {"t_s": t_s, "x_m": x_m, "y_m": 0 * x_m, "speed_mps": speed}
     for each in obstacle_tracks_of(situation, run):
         for name, apart_m in (
-            (f"separation_m/{each.obstacle.size_class}", np.hypot(*(xy_m - each.at(t_ms)).T)),
+            (f"separation_m/{each.obstacle.shape}", np.hypot(*(xy_m - each.at(t_ms)).T)),
             ("appearing_clearance_m", each.clearance_m(t_ms, xy_m)),
         ):
             columns[name] = np.minimum(columns.get(name, math.inf), apart_m)
@@ -414,7 +415,7 @@ def test_response_time_is_until_braking_begins(speed_mps, obstacles, appears_s, 
     assert (metrics["response_time"], metrics["unanswered"] or 0) == (expected, unanswered)
 
 
-BARREL = Obstacle("drum", "cylinder", Pose(0.45, 0.0), 0.5, 0.5)
+BARREL = Obstacle("drum", Disc(0.25), Pose(0.45, 0.0))
 
 
 @each_row(

@@ -21,6 +21,7 @@ from vastflow.sim.model.obstacle import Obstacle, Trigger
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.model.shape import Box, Disc
 from vastflow.sim.world.map_file import load_map
 
 
@@ -253,7 +254,7 @@ HERE = (3.0, 0.0)
 
 
 def carton(name="carton", x_m=3.0, *, appears=True):
-    return Obstacle(name, "box", Pose(x_m, 0.0), 0.5, 0.5, Trigger(x_m, 0.0, 1.0) if appears else None)
+    return Obstacle(name, Box(0.5, 0.5), Pose(x_m, 0.0), Trigger(x_m, 0.0, 1.0) if appears else None)
 
 
 def event(t_s, kind, x_m=3.0, y_m=0.0, what="carton", value=0.0):
@@ -325,9 +326,9 @@ def clearances(obstacle, *events, at, t_s=1.0):
 PUSHED = event(1.0, "spawned"), event(2.0, "obstacle_moved", 3.5, value=math.pi / 4)
 
 
-@given(st.floats(-math.pi, math.pi), st.floats(-3, 3), st.floats(-3, 3), st.sampled_from(["box", "cylinder"]))
+@given(st.floats(-math.pi, math.pi), st.floats(-3, 3), st.floats(-3, 3), st.sampled_from([Box(0.8, 0.4), Disc(0.4)]))
 def test_clearance_agrees_with_shapely(yaw_rad, x_m, y_m, shape):
-    obstacle = Obstacle("it", shape, Pose(0.5, -0.5, yaw_rad), 0.8, 0.4 if shape == "box" else 0.8)
+    obstacle = Obstacle("it", shape, Pose(0.5, -0.5, yaw_rad))
     (clearance_m,) = clearances(obstacle, at=[(x_m, y_m)])
     assert clearance_m == pytest.approx(obstacle.footprint().distance(shapely.Point(x_m, y_m)), abs=1e-3)
 

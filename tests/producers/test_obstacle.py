@@ -20,6 +20,7 @@ from vastflow.producers.places.ground import ground_of
 from vastflow.producers.places.placement import Line, covered_cells, outline_of, without
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of, obstacles_of
 from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.shape import Box, Disc
 from vastflow.sim.world import octile
 
 PILLARS = [
@@ -228,8 +229,8 @@ def test_obstacle_producers_keep_the_contract(site):
 near = st.floats(-1.5, 1.5).map(lambda value: round(value, 6))
 sizes = st.sampled_from([0.1, 0.3, 0.5, 0.8])
 poses = st.builds(Pose, near, near, st.floats(-math.pi, math.pi).map(lambda value: round(value, 6)))
-boxes = st.builds(lambda pose, length, width: Obstacle("o", "box", pose, length, width), poses, sizes, sizes)
-cylinders = st.builds(lambda pose, diameter: Obstacle("o", "cylinder", pose, diameter, diameter), poses, sizes)
+boxes = st.builds(lambda pose, length, width: Obstacle("o", Box(length, width), pose), poses, sizes, sizes)
+cylinders = st.builds(lambda pose, diameter: Obstacle("o", Disc(diameter / 2), pose), poses, sizes)
 obstacles = boxes | cylinders
 distances = st.sampled_from([0.05, 0.225, 0.4])
 

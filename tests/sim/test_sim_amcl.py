@@ -41,7 +41,7 @@ def looked(occupied, pose_xyt, origin_xy_m=(0.0, 0.0)):
     sensor = (x + mount_m * math.cos(yaw), y + mount_m * math.sin(yaw), yaw)
     limits = (LIDAR.range_min_m, LIDAR.range_max_m)
     skips = skip_table_of(np.ascontiguousarray(occupied))
-    scan(skips, RESOLUTION_M, *origin_xy_m, np.zeros((0, 6)), sensor, LIDAR.directions(), *limits, ranges_m)
+    scan(skips, RESOLUTION_M, *origin_xy_m, np.zeros((0, 7)), sensor, LIDAR.directions(), *limits, ranges_m)
     return ranges_m
 
 

@@ -8,13 +8,13 @@ from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import streams_of
-from vastflow.sim.loop.closed_loop import obstacle_rows
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.nav2.navigator.collision_monitor import approach, gather_near_points, zoned
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import new_stack
 from vastflow.sim.nav2.parameters.servers import CollisionMonitor, MonitorZone
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.world.obstacle_rows import obstacle_rows
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
 from vastflow.sim.world.world import World

@@ -23,6 +23,7 @@ from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.scenario import Mission
+from vastflow.sim.model.shape import Box
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameters.servers import RotationShim, SmacPlanner2D, SmacPlannerHybrid
@@ -140,7 +141,7 @@ def run_of(name: str, kind: str) -> Recording:
     parameters = STACKS[name]
     prepared = prepare(World(OccupancyMap(cells, 0.05, (0.0, 0.0))), Lidar(), parameters)
     mission, start = Mission("navigate_to_pose", (Pose(8.5, 1.5, 0.0),)), Pose(2.0, 2.0, -1.2)
-    obstacles = (Obstacle("block", "box", Pose(4.6, 4.75, 0.0), 0.3, 2.4),) if kind == "blocked" else ()
+    obstacles = (Obstacle("block", Box(0.3, 2.4), Pose(4.6, 4.75, 0.0)),) if kind == "blocked" else ()
     lasts_s = SHORT_S if kind == "short" else 60.0
     return drive(prepared, parameters, Lidar(), robot_of(parameters), start, mission, obstacles, (1, 2, 3), lasts_s)
 

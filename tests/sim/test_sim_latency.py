@@ -11,6 +11,7 @@ from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
+from vastflow.sim.model.shape import Box
 from vastflow.sim.nav2.costmaps.costmap import MARKED
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
@@ -86,7 +87,7 @@ def test_costmap_marks_new_obstacle_after_scan_latency(loop):
     def marked_after_ticks(scan_age):
         made = loop(goal=None, scan_age=scan_age)
         made.advance(40)
-        made.spawn(Obstacle("box", "box", Pose(2.0, 2.0, 0.0), 0.4, 0.4), False)
+        made.spawn(Obstacle("box", Box(0.4, 0.4), Pose(2.0, 2.0, 0.0)), False)
         before = (made.stack.local.layer == MARKED).sum()
         while (made.stack.local.layer == MARKED).sum() <= before:
             made.advance(made.tick + 1)

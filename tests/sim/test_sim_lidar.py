@@ -14,6 +14,7 @@ from table import each_row
 from vastflow.sim.kernels.streams import streams_of
 from vastflow.sim.world.gaussian_dropout import perturb
 from vastflow.sim.world.lidar import range_to_obstacle, scan
+from vastflow.sim.world.obstacle_rows import BOX, DISC
 from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.skip_table import ranges_to_walls, skip_table_of
 
@@ -103,7 +104,7 @@ def outline(x, y, yaw, length, width, margin):
 @settings(max_examples=60, deadline=None)
 def test_range_to_a_box_is_that_of_shapely(obstacle, x, y, angle):
     cx, cy, yaw, length, width = obstacle
-    row = np.array([cx, cy, math.cos(yaw), math.sin(yaw), length / 2, width / 2])
+    row = np.array([cx, cy, math.cos(yaw), math.sin(yaw), length / 2, width / 2, BOX])
     beam = LineString([(x, y), (x + 30 * math.cos(angle), y + 30 * math.sin(angle))])
     found = range_to_obstacle(row, x, y, math.cos(angle), math.sin(angle), 0.0)
     bounds = []
@@ -119,7 +120,7 @@ def test_range_to_a_cylinder_is_where_the_beam_enters_the_circle(cx, cy, radius,
     dx, dy = math.cos(angle), math.sin(angle)
     along, across = cx * dx + cy * dy, abs(cx * dy - cy * dx)
     assume(abs(math.hypot(cx, cy) - radius) > 1e-6 and abs(across - radius) > 1e-6)
-    found = range_to_obstacle(np.array([cx, cy, 1.0, 0.0, radius, 0.0]), 0.0, 0.0, dx, dy, 0.0)
+    found = range_to_obstacle(np.array([cx, cy, 1.0, 0.0, radius, 0.0, DISC]), 0.0, 0.0, dx, dy, 0.0)
     if math.hypot(cx, cy) < radius:
         assert found == 0.0
     elif across > radius or along < 0.0:
@@ -141,7 +142,7 @@ def scanned(skips, pose, lidar=None, obstacles=(), origin=(0.0, 0.0), resolution
     x, y, yaw = pose
     mx, my, _ = lidar.mount_xyt
     sensor = np.array([x + math.cos(yaw) * mx - math.sin(yaw) * my, y + math.sin(yaw) * mx + math.cos(yaw) * my, yaw])
-    rows = np.array(obstacles, dtype=np.float64).reshape(-1, 6)
+    rows = np.array(obstacles, dtype=np.float64).reshape(-1, 7)
     scan(skips, resolution_m, *origin, rows, sensor, lidar.directions(), lidar.range_min_m, lidar.range_max_m, out)
     return out
 
@@ -182,7 +183,7 @@ OBSTACLES = st.lists(
 @settings(max_examples=60, deadline=None)
 def test_scan_matches_single_beams(obstacles, yaw, beams, fullness):
     """Whichever beams are looked at for an obstacle: in front, behind, round the sensor, across the first beam."""
-    rows = np.array([(x, y, math.cos(a), math.sin(a), length, width) for x, y, a, length, width in obstacles])
+    rows = np.array([(x, y, math.cos(a), math.sin(a), *size, BOX if size[1] else DISC) for x, y, a, *size in obstacles])
     lidar = Lidar(beams=beams, angle_increment_rad=fullness * 2 * math.pi / beams)
     seen = scanned(skip_table_of(np.zeros((4, 4), dtype=np.bool_)), (0.0, 0.0, yaw), lidar, rows)
     c, s = math.cos(yaw), math.sin(yaw)
@@ -198,12 +199,17 @@ BEAM = Lidar(beams=1, mount_xyt=(0.0, 0.0, 0.0))
 @each_row(
     ("lidar", "obstacles", "beam", "range_m"),
     [
-        (BEAM, [(7.0, 4.0, 1.0, 0.0, 0.3, 0.3), (6.0, 4.0, 1.0, 0.0, 0.1, 0.0)], 0, 0.9),  # the nearest of several
-        (BEAM, [(math.inf, math.inf, 1.0, 0.0, 0.25, 0.25)], 0, 4.9),  # one that is not there
-        (BEAM, [(5.1, 4.0, 1.0, 0.0, 0.02, 0.5)], 0, 4.9),  # one nearer than the least range
+        (
+            BEAM,
+            [(7.0, 4.0, 1.0, 0.0, 0.3, 0.3, BOX), (6.0, 4.0, 1.0, 0.0, 0.1, 0.0, DISC)],
+            0,
+            0.9,
+        ),  # the nearest of several
+        (BEAM, [(math.inf, math.inf, 1.0, 0.0, 0.25, 0.25, BOX)], 0, 4.9),  # one that is not there
+        (BEAM, [(5.1, 4.0, 1.0, 0.0, 0.02, 0.5, BOX)], 0, 4.9),  # one nearer than the least range
         (Lidar(range_max_m=4.5), [], 0, 3.9),
         (Lidar(range_max_m=4.5), [], 90, math.inf),
-        (Lidar(range_max_m=4.5), [(9.8, 4.0, 1.0, 0.0, 0.2, 0.0)], 270, math.inf),
+        (Lidar(range_max_m=4.5), [(9.8, 4.0, 1.0, 0.0, 0.2, 0.0, DISC)], 270, math.inf),
     ],
 )
 def test_nearest_obstacle_or_wall_within_the_limits_is_seen(room, lidar, obstacles, beam, range_m):

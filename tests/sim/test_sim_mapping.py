@@ -5,7 +5,6 @@ import pytest
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import streams_of
-from vastflow.sim.loop.closed_loop import obstacle_rows, trigger_rows
 from vastflow.sim.model.obstacle import obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import Mission
@@ -18,6 +17,7 @@ from vastflow.sim.nav2.parameters.costmap import Costmap, StaticLayer, global_co
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.motion import FREE, Body
+from vastflow.sim.world.obstacle_rows import obstacle_rows, trigger_rows
 from vastflow.sim.world.robot_model import Lidar, Robot
 from vastflow.sim.world.world import World
 

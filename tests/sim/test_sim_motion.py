@@ -10,11 +10,12 @@ from hypothesis.extra.numpy import arrays
 from shapely.geometry import Point
 from table import each_row
 
-from vastflow.sim.loop.closed_loop import obstacle_rows, trigger_rows
 from vastflow.sim.model.obstacle import Obstacle, Trigger
 from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.shape import Box, Disc
 from vastflow.sim.world import motion
 from vastflow.sim.world.motion import FREE, MARGIN_M, MOVING, TOUCHING, Body, arc, limited, moved, wrapped
+from vastflow.sim.world.obstacle_rows import obstacle_rows, trigger_rows
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import Physics, WallIndex
 from vastflow.sim.world.robot_model import Robot
@@ -70,8 +71,8 @@ def test_body_moves_freely_beyond_a_millimeter_from_walls_as_in_the_engine(grid,
         assert after.tolist() == list(pose)
 
 
-OBSTACLES = st.tuples(st.sampled_from(["box", "cylinder"]), POSES, st.floats(0.02, 1.0), st.floats(0.02, 1.0)).map(
-    lambda o: Obstacle("it", o[0], Pose(*o[1]), o[2], o[2] if o[0] == "cylinder" else o[3])
+OBSTACLES = st.tuples(st.booleans(), POSES, st.floats(0.02, 1.0), st.floats(0.02, 1.0)).map(
+    lambda o: Obstacle("it", Disc(o[2] / 2) if o[0] else Box(o[2], o[3]), Pose(*o[1]))
 )
 
 
@@ -81,22 +82,22 @@ def test_body_moves_freely_beyond_a_millimeter_from_obstacles(obstacle, pose, ve
     empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
     free, _ = free_motion(empty, pose, velocities, (obstacle,))
     away = min(obstacle.footprint().distance(Point(*at)) for at in ends(pose, velocities))
-    tolerance = 2e-3 if obstacle.shape == "cylinder" else 1e-9  # a footprint's cylinder has 64 corners
+    tolerance = 2e-3 if isinstance(obstacle.shape, Disc) else 1e-9  # a footprint's cylinder has 64 corners
     if abs(away - ROBOT.radius_m - MARGIN_M) > tolerance:
         assert free == (away > ROBOT.radius_m + MARGIN_M)
 
 
 @each_row(("beside_m", "free"), [(-1e-6, False), (1e-6, True)])
-@pytest.mark.parametrize("what", ["wall", "box", "cylinder"])
+@pytest.mark.parametrize("what", ["wall", Box(0.1, 0.1), Disc(0.05)])
 def test_body_is_free_from_its_radius_and_a_millimeter_on(what, beside_m, free):
     grid = np.zeros((40, 44), dtype=np.int8)
     grid[:, 0] = 100 * (what == "wall")  # as all of them, up to x = -0.95 m
-    obstacles = () if what == "wall" else (Obstacle("it", what, Pose(-1.0, 3.0), 0.1, 0.1),)
+    obstacles = () if what == "wall" else (Obstacle("it", what, Pose(-1.0, 3.0)),)
     at = (-0.95 + ROBOT.radius_m + MARGIN_M + beside_m, 3.0, 0.0)
     assert free_motion(OccupancyMap(grid, RESOLUTION_M, ORIGIN), at, np.zeros((5, 3)), obstacles)[0] == free
 
 
-WAITING = Obstacle("it", "box", Pose(0.0, 3.0), 0.5, 0.5, Trigger(0.0, 3.0, 1.0))
+WAITING = Obstacle("it", Box(0.5, 0.5), Pose(0.0, 3.0), Trigger(0.0, 3.0, 1.0))
 
 
 @each_row(

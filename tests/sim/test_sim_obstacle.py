@@ -1,7 +1,6 @@
 """Obstacles, as configuration values write them."""
 
 import math
-from functools import partial
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from table import each_row
 
 from vastflow.sim.model.obstacle import FRICTION, MASS_KG, Obstacle, Trigger, obstacle_of, obstacles_of
 from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.shape import Box, Disc
 
 NUMBERS = st.floats(-1e3, 1e3)
 SIDES_M = st.floats(0.01, 5)
@@ -19,8 +19,14 @@ ENTRY = {"entity_name": "obstacle_0", "model": "box.sdf.xacro", "spawn_pose": {"
 POINT = {"x": 1.5, "y": -2.0, "z": 0}
 NO_DELAYS = (-1, True, "nowhere", math.inf)
 NO_SIZES = ("width=3", "width:=wide", "width:=0", "width:=nan", "width:=inf")
-box = partial(Obstacle, "it", "box")
-cylinder = partial(Obstacle, "it", "cylinder")
+
+
+def box(pose, length, width, *more):
+    return Obstacle("it", Box(length, width), pose, *more)
+
+
+def cylinder(pose, diameter):
+    return Obstacle("it", Disc(diameter / 2), pose)
 
 
 def read(model="box", arguments=""):
@@ -34,11 +40,11 @@ def read(model="box", arguments=""):
         ("cylinders/crate.sdf", "width:=0.8, length:=0.6, height:=1.0", box(Pose(1, 2), 0.6, 0.8)),
         ("box", "width:=0.3", box(Pose(1, 2), 0.3, 0.3)),
         ("box", "box_width:=0.3,box_length:=0.4,box_height:=2", box(Pose(1, 2), 0.4, 0.3)),
-        ("models/Cylinder.sdf.xacro", "", cylinder(Pose(1, 2), 0.5, 0.5)),
-        ("cylinder", "diameter:=0.4", cylinder(Pose(1, 2), 0.4, 0.4)),
-        ("cylinder", "radius:=0.4, height:=1", cylinder(Pose(1, 2), 0.8, 0.8)),
-        ("cylinder", "width:=0.3", cylinder(Pose(1, 2), 0.3, 0.3)),
-        ("cylinder", "length:=2.0", cylinder(Pose(1, 2), 0.5, 0.5)),
+        ("models/Cylinder.sdf.xacro", "", cylinder(Pose(1, 2), 0.5)),
+        ("cylinder", "diameter:=0.4", cylinder(Pose(1, 2), 0.4)),
+        ("cylinder", "radius:=0.4, height:=1", cylinder(Pose(1, 2), 0.8)),
+        ("cylinder", "width:=0.3", cylinder(Pose(1, 2), 0.3)),
+        ("cylinder", "length:=2.0", cylinder(Pose(1, 2), 0.5)),
         ("box", "mass:=20 friction:=0.7", box(Pose(1, 2), 0.5, 0.5, None, 20.0, 0.7)),
     ],
 )
@@ -75,16 +81,16 @@ def test_box_footprint_has_area_center_and_direction(x, y, yaw, length, width):
     corner = (x + math.cos(yaw) * length / 2 - math.sin(yaw) * width / 2,
               y + math.sin(yaw) * length / 2 + math.cos(yaw) * width / 2)  # fmt: skip
     assert min(math.dist(corner, c) for c in footprint.exterior.coords) < 1e-6
-    assert crate.circumradius_m == pytest.approx(math.dist(corner, (x, y)), rel=1e-6)
+    assert crate.shape.circumradius_m == pytest.approx(math.dist(corner, (x, y)), rel=1e-6)
     along, across = np.meshgrid((np.arange(200) + 0.5) / 200 - 0.5, (np.arange(200) + 0.5) / 200 - 0.5)
-    assert crate.mean_radius_m == pytest.approx(np.hypot(along * length, across * width).mean(), rel=1e-3)
+    assert crate.shape.mean_radius_m == pytest.approx(np.hypot(along * length, across * width).mean(), rel=1e-3)
 
 
 def test_cylinder_is_a_circle_and_has_the_class_of_its_size():
-    barrel = cylinder(Pose(1.0, 2.0), 0.6, 0.6)
-    assert (barrel.circumradius_m, barrel.mean_radius_m) == pytest.approx((0.3, 0.2))
+    barrel = cylinder(Pose(1.0, 2.0), 0.6)
+    assert (barrel.shape.circumradius_m, barrel.shape.mean_radius_m) == pytest.approx((0.3, 0.2))
     assert barrel.footprint().area == pytest.approx(math.pi * 0.09, rel=2e-3)
-    assert (barrel.size_class, box(Pose(0, 0), 0.5, 0.25).size_class) == ("cylinder 0.6 m", "box 0.5 x 0.25 m")
+    assert (str(barrel.shape), str(Box(0.5, 0.25))) == ("cylinder 0.6 m", "box 0.5 x 0.25 m")
 
 
 def test_default_trigger_keys_match_obstacle_trigger():

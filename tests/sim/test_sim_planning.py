@@ -49,7 +49,7 @@ class Desk:
         parameters = NavParameters(planner=NavFn(use_astar=use_astar))
         prepared = prepare(World(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0))), Lidar(), parameters)
         here, mission = Pose(*start, 0.0), Mission(kind, tuple(Pose(x, y, 0.0) for x, y in goals))
-        obstacles = np.zeros((0, 6))
+        obstacles = np.zeros((0, 7))
         stack = new_stack(prepared, parameters, Lidar(), Robot(), here, obstacles, streams_of([1]), 60.0)
         set_pose(stack, here)
         self.stack = give(stack, mission)

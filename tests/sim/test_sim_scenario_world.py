@@ -17,6 +17,7 @@ from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Entity, si
 from vastflow.sim.model.scenario import Mission
+from vastflow.sim.model.shape import Box
 from vastflow.sim.nav2.controllers.rpp import Rpp
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import SUCCEEDED
@@ -173,7 +174,7 @@ def test_robot_is_free_after_touching_obstacle_is_deleted(two_rooms, pushable):
     loop.localize(start)
     loop.navigate(Mission("navigate_to_pose", (Pose(3.0, 1.0),)))
     loop.advance(30)
-    loop.spawn(Obstacle("crate", "box", Pose(loop.body.pose[0] + 0.34, 1.0), 0.3, 0.3), pushable)
+    loop.spawn(Obstacle("crate", Box(0.3, 0.3), Pose(loop.body.pose[0] + 0.34, 1.0)), pushable)
     loop.advance(36)
     assert [event.kind for event in loop.events][:2] == ["spawned", "contact"]
     assert loop.delete("crate")

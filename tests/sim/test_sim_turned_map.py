@@ -112,8 +112,7 @@ def test_moments_and_snapshots_turn_with_the_map(trip):
         np.testing.assert_allclose(getattr(sees, name), turn.points_to_map(getattr(saw, name)), atol=1e-9)
         assert len(getattr(saw, name)) > 0
     np.testing.assert_allclose(sees.particles[:, :2], turn.points_to_map(saw.particles[:, :2]), atol=1e-9)
-    np.testing.assert_allclose(sees.obstacles[0, :2], turn.points_to_map(saw.obstacles[:1, :2])[0], atol=1e-9)
-    assert math.atan2(sees.obstacles[0, 3], sees.obstacles[0, 2]) == pytest.approx(0.5 + yaw_rad)
+    np.testing.assert_allclose(sees.obstacles[0], turn.points_to_map(saw.obstacles[0]), atol=1e-9)
     for patch, other in ((saw.global_costs, sees.global_costs), (saw.overview, sees.overview)):
         assert np.array_equal(patch.costs, other.costs)
         assert other.corner.yaw_rad == pytest.approx(yaw_rad)

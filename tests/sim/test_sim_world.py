@@ -12,6 +12,7 @@ from table import each_row
 
 from vastflow.sim.model.obstacle import Obstacle, Trigger
 from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.shape import Box, Disc
 from vastflow.sim.world.motion import FREE, MOVING, TOUCHING, arc
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import GRAVITY_MPS2, TRACTION, Physics, WallIndex
@@ -93,8 +94,8 @@ def test_robot_stops_at_a_wall_with_a_contact():
     [
         (RECTANGLE, 0.0, 0.5, None, 6.0 - 0.35, "wall"),
         (RECTANGLE, math.pi, -0.5, None, 6.0 - 0.35, "wall"),
-        (ROBOT, 0.0, 0.5, Obstacle("crate", "box", Pose(5.0, 2.0), 0.4, 1.0), 4.8 - ROBOT.radius_m, "crate"),
-        (ROBOT, 0.0, 0.5, Obstacle("drum", "cylinder", Pose(5.0, 2.0), 0.6, 0.6), 4.7 - ROBOT.radius_m, "drum"),
+        (ROBOT, 0.0, 0.5, Obstacle("crate", Box(0.4, 1.0), Pose(5.0, 2.0)), 4.8 - ROBOT.radius_m, "crate"),
+        (ROBOT, 0.0, 0.5, Obstacle("drum", Disc(0.3), Pose(5.0, 2.0)), 4.7 - ROBOT.radius_m, "drum"),
     ],
 )
 def test_robot_stops_with_its_front_or_back_at_a_wall_or_an_obstacle(robot, yaw, v, obstacle, stops_m, what):
@@ -148,7 +149,7 @@ def test_robot_rests_at_a_wall_and_touches_it_again_when_it_returns():
 
 
 def test_robot_slides_off_the_corner_of_an_obstacle_and_never_enters_it():
-    obstacle = Obstacle("crate", "box", Pose(3.0, 2.0, 0.7), 0.4, 0.4)
+    obstacle = Obstacle("crate", Box(0.4, 0.4), Pose(3.0, 2.0, 0.7))
     driven = Driven(Pose(1.0, 2.0), [obstacle])
     for _ in range(40):
         driven.drive(0.5, 0.0, 0.2)
@@ -156,8 +157,11 @@ def test_robot_slides_off_the_corner_of_an_obstacle_and_never_enters_it():
     assert driven.pose[0] > 3.5
 
 
-def carton(x_m=3.0, y_m=2.0, yaw_rad=0.0, mass_kg=5.0, friction=0.4, shape="box"):
-    return Obstacle("carton", shape, Pose(x_m, y_m, yaw_rad), 0.5, 0.5, HERE, mass_kg, friction)
+CUBE = Box(0.5, 0.5)
+
+
+def carton(x_m=3.0, y_m=2.0, yaw_rad=0.0, mass_kg=5.0, friction=0.4, shape=CUBE):
+    return Obstacle("carton", shape, Pose(x_m, y_m, yaw_rad), HERE, mass_kg, friction)
 
 
 def test_triggered_obstacle_stays_where_it_appears():
@@ -173,7 +177,7 @@ def test_triggered_obstacle_stays_where_it_appears():
     assert driven.world.hold == FREE
 
 
-@each_row("shape", ["box", "cylinder"])
+@each_row("shape", [CUBE, Disc(0.25)])
 def test_robot_pushes_a_light_box_before_it(shape):
     driven = Driven(Pose(1.0, 2.0), [carton(shape=shape)])
     driven.appear()

@@ -10,9 +10,10 @@ from table import each_row
 
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import si
+from vastflow.sim.model.shape import Box, Disc, Polygon
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.run import run
-from vastflow.sim.world.bodies import Body, Box, Disc, Polygon, walls_of
+from vastflow.sim.world.bodies import Body, walls_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import FREE, OccupancyMap
 from vastflow.sim.world.readers.circles import Circles

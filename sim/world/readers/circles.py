@@ -7,7 +7,8 @@ from typing import ClassVar
 
 from vastflow.sim.model.files import read_text
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.world.bodies import Body, Disc
+from vastflow.sim.model.shape import Disc
+from vastflow.sim.world.bodies import Body
 from vastflow.sim.world.readers.reader import FARTHEST_M, WorldError
 
 

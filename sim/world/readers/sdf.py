@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from vastflow.sim.model.elementary import atan2, cos_sin, dist
 from vastflow.sim.model.files import is_file, is_inside, read_bytes
 from vastflow.sim.model.pose import DECIMALS, Pose
-from vastflow.sim.world.bodies import Body, Box, Disc, Polygon, Shape
+from vastflow.sim.model.shape import Box, Disc, Polygon, Shape
+from vastflow.sim.world.bodies import Body
 from vastflow.sim.world.readers.reader import FARTHEST_M, MOST_BODIES, WorldError
 
 LOWEST_M: Final = 0.02
