@@ -32,8 +32,7 @@ from vastflow.sim.scenario.tree.stand_ins import stand_ins
 from vastflow.sim.scenario.tree.topics import ROS
 from vastflow.sim.scenario.tree.tree import ScenarioTree, StatusChange
 from vastflow.sim.scenario.tree.world import WORLD
-from vastflow.sim.world.map_file import read_map
-from vastflow.sim.world.world import read_world
+from vastflow.sim.world.world import read_grid, read_world
 
 PERIOD_S: Final = 0.1
 """Period of a scenario's tree."""
@@ -160,7 +159,7 @@ def execute(
 
 
 def _simulation(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> Simulation:
-    masks = [None if mask is None else read_map(mask) for mask in robot.masks]
+    masks = [None if mask is None else read_grid(mask) for mask in robot.masks]
     prepared = prepare(
         read_world(robot.map_file, robot.difference, robot.world_file), robot.lidar, robot.parameters, *masks
     )

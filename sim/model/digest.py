@@ -24,7 +24,7 @@ class FileContent:
 
     Attributes:
         path: Path for this process.
-        digest: SHA-256 (hex) of its content; for a map of the decoded grid, see `vastflow.sim.world.map_file.map_content`.
+        digest: SHA-256 (hex) of its content; for a map of the decoded grid, see `vastflow.sim.world.world.map_content`.
     """
 
     path: str = field(compare=False)

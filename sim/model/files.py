@@ -1,4 +1,4 @@
-"""Files that others write, read within limits: texts, YAML, JSON, and pictures; and folders that appear whole."""
+"""Files that others write, read within limits: texts, YAML, and JSON; and folders that appear whole."""
 
 import io
 import itertools
@@ -7,14 +7,12 @@ import os
 import shutil
 import stat
 import uuid
-import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import yaml
-from PIL import Image, UnidentifiedImageError
 from yaml.constructor import SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode
 
@@ -32,10 +30,6 @@ MOST_LEVELS: Final = 100
 MOST_YAML_NODES: Final = 500_000
 """Including what aliases stand for: aliases of aliases grow exponentially."""
 MOST_JSON_VALUES: Final = 5_000_000
-MOST_PIXELS: Final = 25_000_000
-PICTURE_FORMATS: Final = ("PPM", "PNG", "BMP", "GIF", "JPEG", "TIFF")
-"""Pillow's names; PGM and PBM are PPM to it."""
-PICTURE: Final = "a picture in PGM, PNG, BMP, GIF, JPEG, or TIFF"
 
 NOT_YAML: Final = "look for a missing colon, quote or bracket, for tabs, and for uneven indentation"
 
@@ -283,36 +277,6 @@ def read_json(path: str | Path, kind: str = "a JSON file") -> Any:
         line, column = error.place
         at = "" if error.place == START else f":{line}:{column}"
         raise type(error)(f"{Path(path).name}{at}: {error}", "", error.place) from None
-
-
-def read_picture(path: str | Path) -> Image.Image:
-    """Decode a picture that a map may have.
-
-    Raises:
-        Missing, Unreadable: see `read_bytes`; or another format, damaged, of several frames, or too many pixels.
-    """
-    content = read_bytes(path, PICTURE)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit here is lower
-            picture = Image.open(io.BytesIO(content), formats=PICTURE_FORMATS)
-            width, height = picture.size
-            if width * height > MOST_PIXELS:
-                raise Unreadable(Got(f"{width:,} × {height:,}"), f"at most {MOST_PIXELS:,} pixels")
-            if getattr(picture, "n_frames", 1) > 1:
-                raise Unreadable(Got("several frames"), "a single picture")
-            if picture.mode in ("F", "CMYK"):
-                raise Unreadable(Got(f"colors in {picture.mode}"), "gray, RGB, or a palette")
-            picture.load()
-    except Unreadable:
-        raise
-    except Image.DecompressionBombError:
-        raise Unreadable(Got("more"), f"at most {MOST_PIXELS:,} pixels") from None
-    except UnidentifiedImageError:
-        raise Unreadable(Got("another format"), PICTURE) from None
-    except Exception as error:  # noqa: BLE001 - what Pillow's decoders raise is documented nowhere
-        raise Unreadable(f"the picture is damaged: {error}", "expected a whole one") from None
-    return picture
 
 
 def _place_behind(before: str) -> TextPlace:

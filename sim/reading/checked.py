@@ -21,10 +21,10 @@ from vastflow.sim.plug_ins.loading import code_value
 from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of, plain_value
 from vastflow.sim.reading.script import NAVIGATIONS, Script, calls_of, script_of
 from vastflow.sim.reading.vocabulary import WORLDLY
-from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY, difference_of, world_file_of
 from vastflow.sim.system.robot import RobotParameters
 from vastflow.sim.system.system import NO_MASKS, Masks
 from vastflow.sim.world.difference import WorldDifference
+from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, difference_of, world_file_of
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 _CACHED: Final = "checked_digest"

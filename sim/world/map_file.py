@@ -1,42 +1,36 @@
 """Map files in the ROS map_server format: a YAML file and a picture."""
 
 import contextlib
-import functools
+import io
 import math
-import os
 import re
 import struct
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 from yaml.nodes import MappingNode
 
-from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.model.files import (
-    Missing,
-    Unreadable,
-    is_inside,
-    read_bytes,
-    read_picture,
-    read_text,
-    yaml_node,
-    yaml_value,
-)
+from vastflow.sim.model.faults import Got
+from vastflow.sim.model.files import Missing, Unreadable, read_bytes, read_text, yaml_node, yaml_value
 from vastflow.sim.model.pose import DECIMALS, MOST_YAW_RAD, GridFrame
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from vastflow.sim.world.readers.reader import MissingWorld, WorldError
 
-CACHED_MAPS: Final = 6
-"""Kept maps, and tables of them: about 45 bytes a cell, 130 MB for a building of 85 m × 85 m."""
 MOST_HEADER_BYTES: Final = 1_000_000
 LEAST_CELL_M: Final = 1e-4
 LARGEST_CELL_M: Final = 100.0
 FARTHEST_M: Final = 1e7
 """Greatest distance of the origin: beyond, rounding loses a millimeter."""
+
+MOST_PIXELS: Final = 25_000_000
+PICTURE_FORMATS: Final = ("PPM", "PNG", "BMP", "GIF", "JPEG", "TIFF")
+"""Pillow's names; PGM and PBM are PPM to it."""
+PICTURE: Final = "a picture in PGM, PNG, BMP, GIF, JPEG, or TIFF"
 
 _PNM: Final = re.compile(rb"(P[2356])" + rb"(?:\s|#[^\n]*\n)+(\d+)" * 3)
 """Head of a PNM: kind, width, height, and the number for white."""
@@ -49,30 +43,31 @@ QUARTER_TURN_ROUNDING_RAD: Final = 1e-5
 """Tolerance of a quarter turn, such as 1.5708."""
 
 
-class MapError(ScenarioError):
-    """A map file that can't be used."""
+class RosMap:
+    """Reader of maps of ROS's map_server."""
+
+    suffixes: ClassVar[tuple[str, ...]] = (".yaml", ".yml")
+
+    @staticmethod
+    def files(path: Path) -> list[Path]:
+        return [path, path.parent / str(_header(path)["image"])]
+
+    @staticmethod
+    def read(path: Path) -> OccupancyMap:
+        return load_map(path)
 
 
-class MissingMap(MapError):
-    """A map file or picture that does not exist."""
-
-
-def load_map(path: str | Path, within: Path | None = None) -> OccupancyMap:
+def load_map(path: str | Path) -> OccupancyMap:
     """Read a map as Nav2's map_server does: modes trinary, scale and raw, negate, thresholds, colors as gray.
 
     The origin's yaw turns the grid about it (Nav2's AMCL and static layer ignore it): its quarter turns rotate the cells, so that a
     map turned by 90° equals the map drawn turned.
 
-    Args:
-        within: Folder that must contain file and picture, links followed; None for a user's own map, whose picture may lie anywhere.
-
     Raises:
-        MapError: a missing or unreadable file, a missing or wrong key, or one outside of `within`.
+        WorldError: a missing or unreadable file, or a missing or wrong key.
     """
     path = Path(path)
-    _check_within(path, path, within)
     header = _header(path)
-    _check_within(path, path.parent / str(header["image"]), within)
     right = f"meters per cell, greater than 0: {LEAST_CELL_M:g} to {LARGEST_CELL_M:g}"
     resolution_m = _number(header, "resolution", path, (LEAST_CELL_M, LARGEST_CELL_M), right)
     x_m, y_m, yaw_rad = _origin(header, path)
@@ -84,7 +79,7 @@ def free_unknown_cells(path: Path) -> int:
     """Return how many cells have the gray as which map_saver draws unknown ones, where the map's thresholds make them free.
 
     Raises:
-        MapError: a map that `load_map` refuses as well.
+        WorldError: a map that `load_map` refuses as well.
     """
     gray, cells = _gray_and_cells(path, _header(path))
     return int(np.count_nonzero((gray == UNKNOWN_GRAY) & (cells == FREE)))
@@ -97,39 +92,11 @@ def _gray_and_cells(path: Path, header: Mapping[str, Any]) -> tuple[NDArray[np.u
     free_threshold = _number(header, "free_thresh", path, (0.0, 1.0), "a share of black, 0 to 1", 0.25)
     mode = str(header.get("mode", "trinary"))
     if mode.lower() not in MODES:
-        raise MapError(f"{path}: mode: expected trinary, scale or raw, got {mode!r}")
+        raise WorldError(f"{path}: mode: expected trinary, scale or raw, got {mode!r}")
     gray, opaque = _picture(path, str(header["image"]))
     if (negate := header.get("negate", 0)) not in (0, 1):
-        raise MapError(f"{path}: negate: expected 0 or 1, got {negate!r}")
+        raise WorldError(f"{path}: negate: expected 0 or 1, got {negate!r}")
     return gray, _occupancy(gray, opaque, mode.lower(), bool(negate), occupied_threshold, free_threshold)
-
-
-@functools.lru_cache(maxsize=CACHED_MAPS)
-def read_map(content: FileContent) -> OccupancyMap:
-    """Return the map of a file's value; the last few are kept.
-
-    Raises:
-        MapError: it can't be read, or has changed since the campaign was read.
-    """
-    occupancy = load_map(content.path)
-    if occupancy.digest != content.digest:
-        raise MapError(f"{content.path} changed since the campaign was read. Run the campaign again.")
-    return occupancy
-
-
-def map_content(path: str | Path, within: Path | None = None) -> FileContent:
-    """Return the map at `path` as a value with the digest of the decoded grid; see `load_map`."""
-    return FileContent(str(path), load_map(path, within).digest)
-
-
-def _check_within(path: Path, file: Path, within: Path | None) -> None:
-    if within is not None and not is_inside(file, os.path.realpath(within)):
-        raise MapError(f"{path}: expected map and picture in {str(within)!r}, got {str(file)!r}")
-
-
-def image_of(path: Path) -> str:
-    """Return the name of a map's picture, relative to its YAML file; raises `MapError`."""
-    return str(_header(path)["image"])
 
 
 def _header(path: Path) -> Mapping[str, Any]:
@@ -137,18 +104,18 @@ def _header(path: Path) -> Mapping[str, Any]:
         text = read_text(path, "a map_server YAML file", MOST_HEADER_BYTES)
         header, node = yaml_value(text), yaml_node(text)
     except Missing:
-        raise MissingMap(f"{path}: No such file. Expected a map_server YAML file.") from None
+        raise MissingWorld(f"{path}: No such file. Expected a map_server YAML file.") from None
     except Unreadable as error:
         line, column = error.place
-        raise MapError(f"{path}:{line}:{column}: {error}") from None
+        raise WorldError(f"{path}:{line}:{column}: {error}") from None
     if not isinstance(header, dict):
-        raise MapError(f"{path}: expected a mapping with image, resolution and origin, got {type(header).__name__}")
+        raise WorldError(f"{path}: expected a mapping with image, resolution and origin, got {type(header).__name__}")
     written = [key.value for key, _ in node.value] if isinstance(node, MappingNode) else []
     if twice := [key for key in header if written.count(key) > 1]:
-        raise MapError(f"{path}: {twice[0]}: expected one value, got {written.count(twice[0])}")
+        raise WorldError(f"{path}: {twice[0]}: expected one value, got {written.count(twice[0])}")
     for key in ("image", "resolution", "origin"):
         if key not in header:
-            raise MapError(f"{path}: expected image, resolution and origin, got no {key!r}")
+            raise WorldError(f"{path}: expected image, resolution and origin, got no {key!r}")
     return header
 
 
@@ -159,9 +126,9 @@ def _number(
     value = header.get(key, default)
     number = _finite(value)
     if number is None:
-        raise MapError(f"{path}: {key}: expected a number, got {value!r}")
+        raise WorldError(f"{path}: {key}: expected a number, got {value!r}")
     if not limits[0] <= number <= limits[1]:
-        raise MapError(f"{path}: {key}: expected {right}, got {number:g}")
+        raise WorldError(f"{path}: {key}: expected {right}, got {number:g}")
     return number
 
 
@@ -183,11 +150,11 @@ def _origin(header: Mapping[str, Any], path: Path) -> tuple[float, float, float]
         case [x_m, y_m, *yaw] if len(numbers) == 2 + len(yaw) and len(yaw) < 2:
             yaw_rad = sum(yaw)
             if abs(yaw_rad) > MOST_YAW_RAD:
-                raise MapError(f"{path}: origin: expected radians, one turn (6.2832) at most, got yaw {yaw_rad:g}")
+                raise WorldError(f"{path}: origin: expected radians, one turn (6.2832) at most, got yaw {yaw_rad:g}")
             if max(abs(x_m), abs(y_m)) > FARTHEST_M:
-                raise MapError(f"{path}: origin: expected at most {FARTHEST_M:,.0f} m from zero, got {origin!r}")
+                raise WorldError(f"{path}: origin: expected at most {FARTHEST_M:,.0f} m from zero, got {origin!r}")
             return x_m, y_m, yaw_rad
-    raise MapError(f"{path}: origin: expected [x, y, yaw] in meters and radians, got {origin!r}")
+    raise WorldError(f"{path}: origin: expected [x, y, yaw] in meters and radians, got {origin!r}")
 
 
 def _placed(
@@ -208,17 +175,47 @@ def _placed(
     return OccupancyMap(np.ascontiguousarray(cells), resolution_m, origin_xy_m, rest_rad)
 
 
+def read_picture(path: str | Path) -> Image.Image:
+    """Decode a picture that a map may have.
+
+    Raises:
+        Missing, Unreadable: see `read_bytes`; or another format, damaged, of several frames, or too many pixels.
+    """
+    content = read_bytes(path, PICTURE)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit here is lower
+            picture = Image.open(io.BytesIO(content), formats=PICTURE_FORMATS)
+            width, height = picture.size
+            if width * height > MOST_PIXELS:
+                raise Unreadable(Got(f"{width:,} × {height:,}"), f"at most {MOST_PIXELS:,} pixels")
+            if getattr(picture, "n_frames", 1) > 1:
+                raise Unreadable(Got("several frames"), "a single picture")
+            if picture.mode in ("F", "CMYK"):
+                raise Unreadable(Got(f"colors in {picture.mode}"), "gray, RGB, or a palette")
+            picture.load()
+    except Unreadable:
+        raise
+    except Image.DecompressionBombError:
+        raise Unreadable(Got("more"), f"at most {MOST_PIXELS:,} pixels") from None
+    except UnidentifiedImageError:
+        raise Unreadable(Got("another format"), PICTURE) from None
+    except Exception as error:  # noqa: BLE001 - what Pillow's decoders raise is documented nowhere
+        raise Unreadable(f"the picture is damaged: {error}", "expected a whole one") from None
+    return picture
+
+
 def _picture(path: Path, image: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
     """Read gray values (H, W), row 0 at the top, and opaque pixels; None where all are."""
     file = path.parent / image
     try:
         picture, content = read_picture(file), read_bytes(file)
     except Missing:
-        raise MissingMap(
+        raise MissingWorld(
             f"{path}: image: There is no file {str(file)!r}. Its path is relative to the YAML file."
         ) from None
     except Unreadable as error:
-        raise MapError(f"{path}: image: {str(file)!r}: {error}") from None
+        raise WorldError(f"{path}: image: {str(file)!r}: {error}") from None
     shades = _sixteen_bits(picture, content)
     gray = shades if shades.ndim == 2 else (shades @ _LUMA + 500) // 1000
     return (gray // 257).astype(np.uint8), _opaque(picture, content)

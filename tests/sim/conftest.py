@@ -20,10 +20,9 @@ from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.system.robot import robot_of
 from vastflow.sim.reading.abstract import abstract_content
-from vastflow.sim.world.map_file import map_content
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
-from vastflow.sim.world.world import World
+from vastflow.sim.world.world import World, map_content
 
 CELLS = {".": 0, "#": 100, "?": -1}
 GRAY = {0: 254, 100: 0, -1: 205}

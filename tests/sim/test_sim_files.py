@@ -24,12 +24,12 @@ from vastflow.sim.model.files import (
     files_below,
     json_value,
     read_json,
-    read_picture,
     read_text,
     yaml_value,
 )
 from vastflow.sim.model.parquet import open_table
 from vastflow.sim.scenario.programs.actions import set_yaml_value
+from vastflow.sim.world.map_file import read_picture
 
 
 def put(folder: Path, content: bytes, name: str = "file") -> Path:

@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 from PIL import Image
 from table import each_row
 
-from vastflow.sim.world.map_file import MapError, free_unknown_cells, load_map, map_content
+from vastflow.sim.world.map_file import free_unknown_cells, load_map
+from vastflow.sim.world.readers.reader import WorldError
+from vastflow.sim.world.world import map_content
 
 HEADER = {
     "image": "map.pgm",
@@ -265,7 +267,7 @@ def test_invalid_map_is_refused_with_expectation(write, changes, message):
     elif changes is None:
         path.unlink()
     (path.parent / "cut.pgm").write_bytes(b"P5\n20 20\n255\n" + bytes(7))
-    with pytest.raises(MapError, match=message) as caught:
+    with pytest.raises(WorldError, match=message) as caught:
         load_map(path)
     assert str(caught.value).startswith(f"{path}:")
 

@@ -28,7 +28,8 @@ from vastflow.sim.scenario.programs.folders import (
     unmatched,
 )
 from vastflow.sim.scenario.programs.run import process_run
-from vastflow.sim.world.map_file import load_map, map_content
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.world import map_content
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -198,7 +199,7 @@ def test_map_is_handed_to_programs_with_its_picture_unless_it_changed(tmp_path):
             assert load_map(place / name).digest == content.digest
         assert run.close().outputs.files == {}
     (folder / "hall.pgm").write_bytes(b"P5 2 2 255\n" + bytes(4))
-    changed = r"map_file: '.*hall\.yml' changed since the campaign was read. Run it again"
+    changed = r"map_file: '.*hall\.yml' can't be copied: .*hall\.yml changed since the campaign was read. Run the campaign again"
     with (
         pytest.raises(ScenarioError, match=changed),
         process_run(ProcessSetup(), {"map_file": content}, where=tmp_path),

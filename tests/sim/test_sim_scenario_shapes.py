@@ -9,7 +9,7 @@ from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import execute
 from vastflow.sim.scenario.language.reading import read_scenarios
 from vastflow.sim.scenario.tree.support import unsupported
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 
 IMPORTS = "".join(
     f"import osc.{name}\n" for name in ("helpers", "ros", "nav2", "gazebo", "os", "x11", "floorplan_dsl", "sim")

@@ -8,9 +8,9 @@ from table import each_row
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.recording import si
 from vastflow.sim.reading.checked import checked_digest
-from vastflow.sim.reading.world import difference_of
 from vastflow.sim.run import run
 from vastflow.sim.world.difference import WorldDifference, differing
+from vastflow.sim.world.environment import difference_of
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from vastflow.sim.world.robot_model import Robot
 

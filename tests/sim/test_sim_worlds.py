@@ -18,8 +18,9 @@ from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import FREE, OccupancyMap
 from vastflow.sim.world.readers.circles import Circles
 from vastflow.sim.world.readers.conformance import check_world_reader
-from vastflow.sim.world.readers.reader import WorldError, bodies_of, files_of_world, read_bodies, world_content
+from vastflow.sim.world.readers.reader import WorldError, files_of_world, read_file
 from vastflow.sim.world.readers.sdf import HIGHEST_M, LOWEST_M, Sdf
+from vastflow.sim.world.world import read_world, world_content
 
 BOX = "<box><size>2 1 1</size></box>"
 EMPTY = OccupancyMap(np.full((80, 80), FREE, dtype=np.int8), 0.05, (-2.0, -2.0))
@@ -47,7 +48,7 @@ def sdf(tmp_path):
 
     def read(models, name="w.sdf"):
         (tmp_path / name).write_text(f"<?xml version='1.0'?><sdf version='1.9'><world name='w'>{models}</world></sdf>")
-        return read_bodies(tmp_path / name)
+        return read_file(tmp_path / name)
 
     return read
 
@@ -157,10 +158,10 @@ def test_included_file_lies_at_most_one_folder_above_world(tmp_path):
     ):
         world.write_text(f"<sdf version='1.6'><world name='w'><include><uri>{uri}</uri></include></world></sdf>")
         if is_found:
-            assert len(read_bodies(world)) == 1
+            assert len(read_file(world)) == 1
         else:
             with pytest.raises(WorldError, match="There is no file"):
-                read_bodies(world)
+                read_file(world)
 
 
 DEEP = "<!DOCTYPE sdf [<!ENTITY a 'aaaaaaaaaa'><!ENTITY b '&a;&a;&a;'>]><sdf version='1.6'>&b;</sdf>"
@@ -197,7 +198,7 @@ def test_unusable_world_is_one_sentence(tmp_path, text, message):
     )
     (tmp_path / "w.sdf").write_text(whole)
     with pytest.raises(WorldError, match=r"w\.sdf") as error:
-        read_bodies(tmp_path / "w.sdf")
+        read_file(tmp_path / "w.sdf")
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
@@ -219,7 +220,7 @@ def test_hostile_world_is_one_sentence(tmp_path, text, message):
     (tmp_path / "empty.sdf").write_text("<sdf version='1.6'/>")
     (tmp_path / "w.sdf").write_text(f"<sdf version='1.6'><world name='w'>{text}</world></sdf>")
     with pytest.raises(WorldError, match=r"w\.sdf") as error:
-        read_bodies(tmp_path / "w.sdf")
+        read_file(tmp_path / "w.sdf")
     assert message in str(error.value) and len(str(error.value)) < 300
 
 
@@ -231,7 +232,7 @@ def test_world_of_more_bodies_than_allowed_is_refused(sdf):
 def test_circles_are_read_with_and_without_names(tmp_path):
     for text in ("x,y,radius\n1,2,0.5\n\n-1,0,0.25\n", "1,2,0.5\n-1,0,0.25\n"):
         (tmp_path / "c.csv").write_text(text)
-        bodies = read_bodies(tmp_path / "c.csv")
+        bodies = read_file(tmp_path / "c.csv")
         assert [(body.pose.x_m, body.pose.y_m, body.shape) for body in bodies] == [
             (1, 2, Disc(0.5)),
             (-1, 0, Disc(0.25)),
@@ -250,7 +251,7 @@ def test_circles_are_read_with_and_without_names(tmp_path):
 def test_wrong_circle_is_named_by_its_line(tmp_path, text, message):
     (tmp_path / "c.csv").write_text(text)
     with pytest.raises(WorldError, match=message):
-        read_bodies(tmp_path / "c.csv")
+        read_file(tmp_path / "c.csv")
 
 
 @each_row("reader", [Circles, Sdf])
@@ -261,19 +262,19 @@ def test_readers_keep_their_promises(tmp_path, reader):
 
 
 def test_world_of_unknown_kind_names_kinds_there_are(tmp_path):
-    with pytest.raises(WorldError, match=r"no reader of this kind of world. Expected .csv, .sdf, .world"):
-        read_bodies(tmp_path / "hall.dwg")
+    with pytest.raises(WorldError, match=r"no reader of this kind of world. Expected .csv, .sdf, .world, .yaml, .yml"):
+        world_content(tmp_path / "hall.dwg")
 
 
 def test_changed_world_is_told(tmp_path):
     file = tmp_path / "c.csv"
     file.write_text("0,0,1\n")
     content = world_content(file)
-    assert bodies_of(content)
+    assert read_world(content).bodies
     file.write_text("0,0,2\n")
-    bodies_of.cache_clear()
+    read_world.cache_clear()
     with pytest.raises(WorldError, match="changed since the campaign was read"):
-        bodies_of(content)
+        read_world(content)
 
 
 @each_row(
@@ -341,7 +342,7 @@ def test_maze_of_mrpb_has_walls_of_its_map():
             "the worlds of MRPB are not beside the repository: https://github.com/NKU-MobFly-Robotics/local-planning-benchmark"
         )
     occupancy = load_map(folder / "maze" / "map.yaml")
-    walls = walls_of(read_bodies(folder / "maze.world"), occupancy)
+    walls = walls_of(read_file(folder / "maze.world"), occupancy)
     fold = round(occupancy.resolution_m / walls.resolution_m)
     rows, columns = occupancy.shape
     world = walls.occupied.reshape(rows, fold, columns, fold).any(axis=(1, 3))

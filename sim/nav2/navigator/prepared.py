@@ -18,12 +18,11 @@ from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, UNKNOWN, cost_sta
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.world.map_file import CACHED_MAPS
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import WallIndex
 from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.skip_table import SkipTable, skip_table_of
-from vastflow.sim.world.world import CACHED_WORLDS, World
+from vastflow.sim.world.world import CACHED_MAPS, CACHED_WORLDS, World
 
 Cells: TypeAlias = NDArray[np.uint8]
 
@@ -75,8 +74,8 @@ def prepare(
         keepout, speed: The masks of the costmaps' filters.
     """
     q = parameters.amcl
-    occupancy = world.map
-    geometry = (_geometry if world.difference is None else _other_geometry)(world.walls)
+    occupancy = world.ground
+    geometry = (_geometry if world.walls is occupancy else _other_geometry)(world.walls)
     range_max_m = usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1]
     cubed = _likelihood(occupancy, range_max_m, q.z_hit, q.z_rand, q.sigma_hit, q.laser_likelihood_max_dist)
     local, everywhere = parameters.local_costmap, parameters.global_costmap

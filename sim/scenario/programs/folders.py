@@ -20,7 +20,7 @@ from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.files import Unreadable, copy_file, read_text, yaml_value
 from vastflow.sim.model.scenario import RunFiles
-from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.world import check_unchanged, world_at
 
 CONFIG: Final = "/config"
 """Folder of the run files, as programs see it."""
@@ -190,11 +190,9 @@ def hand_over(handed: Mapping[str, FileContent], folder: Path) -> None:
             copied = target.with_suffix(picture.suffix)
             copy_file(picture, copied)
             target.write_text(yaml.safe_dump({**header, "image": copied.name}), encoding="utf-8")
-            is_same = load_map(target).digest == content.digest
+            check_unchanged(content, world_at(target))
         except (OSError, ValueError) as error:
             raise ScenarioError(f"{key}: {content.path!r} can't be copied: {error}") from None
-        if not is_same:
-            raise ScenarioError(f"{key}: {content.path!r} changed since the campaign was read. Run it again.")
 
 
 def _map_header(source: Path) -> dict[str, Any] | None:

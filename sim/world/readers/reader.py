@@ -1,25 +1,29 @@
 """The interface of world readers, and the one that reads a file."""
 
-import functools
+import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar, Final, Protocol
 
-from vastflow.sim.model.digest import FileContent, digest
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.model.files import Missing, Unreadable
+from vastflow.sim.model.files import Missing, Unreadable, is_inside
 from vastflow.sim.plug_ins.registry import installed_plug_in, known_plug_ins
 from vastflow.sim.world.bodies import Body
+from vastflow.sim.world.occupancy import OccupancyMap
 
 GROUP: Final = "vastflow.worlds"
 MOST_BODIES: Final = 100_000
 FARTHEST_M: Final = 10_000.0
 """Greatest distance of a body from the origin, and greatest size."""
-_KEPT: Final = 4
 
 
 class WorldError(ScenarioError):
-    """A world file that can't be used."""
+    """A map or world file that can't be used."""
+
+
+class MissingWorld(WorldError):
+    """A map or world file, or a map's picture, that does not exist."""
 
 
 class WorldReader(Protocol):
@@ -32,8 +36,8 @@ class WorldReader(Protocol):
     suffixes: ClassVar[tuple[str, ...]]
 
     @staticmethod
-    def read(path: Path) -> Sequence[Body]:
-        """Return the bodies of a file, whose pose, size, and heights are finite and in the map's frame.
+    def read(path: Path) -> Sequence[Body] | OccupancyMap:
+        """Return the bodies of a file, whose pose, size, and heights are finite and in the map's frame; or a grid of cells.
 
         Raises:
             WorldError: the file can't be used; with its place, the problem, and what was expected.
@@ -45,32 +49,41 @@ class WorldReader(Protocol):
         """Return the files that are read, the named one first; raises as `read`."""
 
 
+def known_reader(path: Path) -> type[WorldReader]:
+    """Return the reader of a file by the end of its name; raise a `WorldError` if there is none."""
+    if found := reader_of(path):
+        return found
+    suffixes = sorted(end for each in _readers() for end in each.suffixes)
+    raise WorldError(f"{path}: There is no reader of this kind of world. Expected {', '.join(suffixes)}.")
+
+
 def reader_of(path: Path) -> type[WorldReader] | None:
     """Return the reader of a file by the end of its name; None if there is none."""
     return next((reader for reader in _readers() if path.name.lower().endswith(reader.suffixes)), None)
 
 
 def _readers() -> Iterator[type[WorldReader]]:
+    from vastflow.sim.world.map_file import RosMap  # which imports the errors of this module
+
+    yield RosMap
     yield from filter(None, (installed_plug_in(GROUP, name) for name in known_plug_ins(GROUP)))
 
 
-def read_bodies(path: Path) -> tuple[Body, ...]:
-    """Return the bodies of a world file.
+def read_file(path: Path, reader: type[WorldReader] | None = None) -> tuple[Body, ...] | OccupancyMap:
+    """Return the bodies of a world file, or the cells of a map.
+
+    Args:
+        reader: None for the one of its suffix, or that of maps.
 
     Raises:
-        WorldError: no such file, no reader for it, or a file that can't be used.
+        WorldError: no such file, or one that can't be used.
     """
-    reader = reader_of(path)
-    if reader is None:
-        suffixes = sorted(end for each in _readers() for end in each.suffixes)
-        raise WorldError(f"{path}: There is no reader of this kind of world. Expected {', '.join(suffixes)}.")
-    try:
-        bodies = tuple(reader.read(path))
-    except Missing:
-        raise WorldError(f"{path}: No such file. Expected a world.") from None
-    except Unreadable as error:
-        line, column = error.place
-        raise WorldError(f"{path}:{line}:{column}: {error}") from None
+    reader = reader or reader_of(path) or next(_readers())
+    with _errors_of(path):
+        found = reader.read(path)
+        if isinstance(found, OccupancyMap):
+            return found
+        bodies = tuple(found)
     if not bodies:
         raise WorldError(f"{path}: The world has no body that a robot could meet. Expected one or more.")
     if len(bodies) > MOST_BODIES:
@@ -78,29 +91,26 @@ def read_bodies(path: Path) -> tuple[Body, ...]:
     return bodies
 
 
+@contextmanager
+def _errors_of(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except Missing:
+        raise MissingWorld(f"{path}: No such file. Expected a world.") from None
+    except Unreadable as error:
+        line, column = error.place
+        raise WorldError(f"{path}:{line}:{column}: {error}") from None
+
+
 def files_of_world(path: Path) -> Sequence[Path]:
-    """Return the files that a world is read from, the named one first; raises as `read_bodies`."""
-    reader = reader_of(path)
-    return [path] if reader is None else reader.files(path)
+    """Return the files that a map or world is read from, the named one first; raises as `read_file`."""
+    with _errors_of(path):
+        return (reader_of(path) or next(_readers())).files(path)
 
 
-def world_content(path: Path) -> FileContent:
-    """Return a world file as a value, with the digest of its bodies; raises as `read_bodies`."""
-    return FileContent(str(path), _digest(read_bodies(path)))
-
-
-@functools.lru_cache(maxsize=_KEPT)
-def bodies_of(content: FileContent) -> tuple[Body, ...]:
-    """Return the bodies of a file's value; the last few are kept.
-
-    Raises:
-        WorldError: it can't be read, or has changed since the campaign was read.
-    """
-    bodies = read_bodies(Path(content.path))
-    if _digest(bodies) != content.digest:
-        raise WorldError(f"{content.path} changed since the campaign was read. Run the campaign again.")
-    return bodies
-
-
-def _digest(bodies: Sequence[Body]) -> str:
-    return digest("world", [repr((body.shape, body.pose, body.bottom_m, body.top_m)) for body in bodies])
+def check_within(path: Path, folder: Path) -> None:
+    """Raise a `WorldError` if a file of a map or world lies outside of a folder, links followed. No such file is read."""
+    home = os.path.realpath(folder)
+    files = [path] if not is_inside(path, home) else files_of_world(path)
+    if outside := [str(file) for file in files if not is_inside(file, home)]:
+        raise WorldError(f"{path}: expected the files of a world in {str(folder)!r}, got {outside[0]!r}")

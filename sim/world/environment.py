@@ -1,4 +1,4 @@
-"""The world of a scenario: its map, and its own file or how it differs from the map."""
+"""The world of a scenario's environment: its map, and its own file or how it differs from the map."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -10,6 +10,8 @@ from vastflow.sim.world.world import World, read_world
 
 MAP_KEY: Final = "map_file"
 WORLD_KEY: Final = "world"
+GROUND_KEYS: Final = (MAP_KEY, WORLD_KEY)
+"""Keys of files on whose ground things are placed: on that of the map where there are both."""
 LONGEST_M: Final = 1000.0
 SHORTEST_M: Final = 0.5
 """Minimum correlation length: offsets are computed at fractions of it all over the map."""
@@ -17,15 +19,30 @@ _NAMES: Final = ("seed", "wall_offset", "correlation_length", "missing_furniture
 
 
 def world_of(environment: Mapping[str, Value]) -> World | None:
-    """Return the world of a scenario's environment; None without a map.
+    """Return the world of a scenario's environment; None if it names none.
 
     Raises:
-        ScenarioError: the map can't be read or has changed, or the difference is none.
+        ScenarioError: a file can't be read or has changed, or the difference is none.
     """
-    map_file, world = environment.get(MAP_KEY), environment.get(WORLD_KEY)
-    return (
-        read_world(map_file, difference_of(world), world_file_of(world)) if isinstance(map_file, FileContent) else None
-    )
+    file, world = ground_file(environment), environment.get(WORLD_KEY)
+    if file is None:
+        return None
+    own = world_file_of(world)
+    if own is file:  # nothing is known of it
+        found = read_world(file)
+        return found if found.map is None else World(None, cells=found.map, source=file)
+    return read_world(file, difference_of(world), own)
+
+
+def world_files(values: Mapping[str, Value]) -> dict[str, FileContent]:
+    """Return the files of a map and a world by their keys, as far as there are any."""
+    found = {key: values.get(key) for key in GROUND_KEYS}
+    return {key: value for key, value in found.items() if isinstance(value, FileContent)}
+
+
+def ground_file(values: Mapping[str, Value]) -> FileContent | None:
+    """Return the file on whose ground things are placed: the map, or the world's own where there is no map."""
+    return next(iter(world_files(values).values()), None)
 
 
 def world_file_of(value: Value) -> FileContent | None:
