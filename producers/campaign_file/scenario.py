@@ -17,12 +17,12 @@ from vastflow.sim.model.scenario import ProcessSetup, RunFiles
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, abstract_content, definition_of
 from vastflow.sim.reading.script import calls_of, goal_keys, is_optional_list, overrides_of
 from vastflow.sim.reading.vocabulary import ACTIONS, WORLDLY
-from vastflow.sim.reading.world import MAP_KEY
 from vastflow.sim.scenario.definition import ScenarioDefinition
 from vastflow.sim.scenario.language.parameters import ParameterMismatch, bound, default_of
 from vastflow.sim.scenario.programs.actions import PROCESSES
 from vastflow.sim.scenario.programs.folders import CONFIG, below_config, files_matching, unmatched
 from vastflow.sim.scenario.tree.support import unsupported
+from vastflow.sim.world.environment import MAP_KEY
 
 WHERE: Final[Location] = ("execution", "scenario_file")
 

@@ -31,7 +31,7 @@ from vastflow.producers.model.producer import Draws, Producer
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Fault, FileError, Invalid
 from vastflow.sim.model.scenario import Dimension
-from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.world.environment import MAP_KEY
 
 MESH_KEY = "mesh_file"
 FLOORPLAN_KEY = "_floorplan"

@@ -22,10 +22,10 @@ from vastflow.sim.model.elementary import normals
 from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.obstacle import lists_obstacles
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.reading.world import WORLD_KEY
 from vastflow.sim.system.robot import NOISE_MODEL_KEY
+from vastflow.sim.world.environment import WORLD_KEY
 from vastflow.sim.world.noise_registry import noise_value
-from vastflow.sim.world.readers.reader import world_content
+from vastflow.sim.world.world import world_content
 
 ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]
 ParameterKind: TypeAlias = Literal["int", "integer", "float", "double", "number", "bool", "boolean", "str", "string"]

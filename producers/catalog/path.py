@@ -55,7 +55,7 @@ from vastflow.sim.model.elementary import atan2
 from vastflow.sim.model.faults import Invalid
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Dimension
-from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.world.environment import MAP_KEY
 
 ARRIVAL_M: Final = 0.5
 """The end of a leg whose direction is the goal's yaw: long enough that a grid step does not decide it."""

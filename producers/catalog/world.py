@@ -16,9 +16,7 @@ from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY, give
 from vastflow.sim.model.digest import Value, digest
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Dimension
-from vastflow.sim.reading.world import LONGEST_M, MAP_KEY, SHORTEST_M, WORLD_KEY, difference_of
-from vastflow.sim.world.difference import differing
-from vastflow.sim.world.map_file import read_map
+from vastflow.sim.world.environment import LONGEST_M, MAP_KEY, SHORTEST_M, WORLD_KEY, world_of
 from vastflow.sim.world.occupancy import OccupancyMap
 
 OFFSET_KEY: Final = "_wall_offset_m"
@@ -113,9 +111,9 @@ class WorldVariation(Producer[WorldParameters]):
         reason = ""
         for _ in range(TRIES):
             value: dict[str, Value] = {"seed": int(rng.integers(2**31)), **asked}
-            difference = difference_of(value)
-            assert difference is not None
-            reason = self._blocked(differing(read_map(map_file), difference), stops)
+            world = world_of({MAP_KEY: map_file, WORLD_KEY: value})
+            assert world is not None
+            reason = self._blocked(world.walls, stops)
             if not reason:
                 return value
         return f"in none of {TRIES} worlds that were drawn does the robot find a path. In the last one, {reason}"

@@ -27,8 +27,8 @@ from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.elementary import dist
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.reading.world import MAP_KEY
-from vastflow.sim.world.map_file import read_map
+from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, ground_file
+from vastflow.sim.world.world import read_grid
 
 MOST_MAPS: Final = 4
 MOST_PATHS: Final = 4096
@@ -85,7 +85,7 @@ def _clearances(partial: Partial) -> tuple[float, float, float]:
 
 @functools.lru_cache(MOST_PATHS)
 def _clearances_on(map_file: FileContent, path: Points) -> tuple[float, float, float]:
-    occupancy, distance_m = read_map(map_file), _distance_m(map_file)
+    occupancy, distance_m = read_grid(map_file), _distance_m(map_file)
     points = [path[0]]  # no farther apart than cells
     for one, other in itertools.pairwise(np.array(path)):
         steps = max(1, math.ceil(dist(one, other) / occupancy.resolution_m))
@@ -100,7 +100,7 @@ def _distance_m(map_file: FileContent) -> NDArray[np.float64]:
     """Distance (H, W) from cells' centers to the near side of the nearest wall's cell; infinite without walls."""
     from scipy import ndimage
 
-    occupancy = read_map(map_file)
+    occupancy = read_grid(map_file)
     if not occupancy.occupied.any():
         return np.full(occupancy.shape, math.inf)
     cells = ndimage.distance_transform_edt(~occupancy.occupied)
@@ -138,6 +138,7 @@ def may_write_for(name: str, producer: Producer[Any]) -> bool:
     """Whether the quantity `name` can depend on a producer's keys."""
     return any(
         (name in OF_OBSTACLES and may_list_obstacles(key, tag))
+        or (key == WORLD_KEY and MAP_KEY not in producer.reads)  # worlds of files
         or _bears_on(name, key, tag or DIMENSION_OF_KEY.get(key))
         for key, tag in producer.writes.items()
     )
@@ -154,8 +155,8 @@ def _bears_on(name: str, key: str, dimension: Dimension | None) -> bool:
 
 
 def _map(partial: Partial) -> FileContent:
-    found = partial.values.get(MAP_KEY)
-    if not isinstance(found, FileContent):
+    found = ground_file(partial.values)
+    if found is None:
         raise NotEvaluable(f"the configuration has no {MAP_KEY}")
     return found
 

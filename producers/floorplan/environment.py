@@ -68,7 +68,7 @@ def keep_environment(
     """Keep the files of a building in a folder named by their digest; return its map and its mesh.
 
     The same plan gives the same bytes. The digest of the map is that of the decoded map, as
-    `vastflow.sim.world.map_file.map_content` has it; that of the mesh is of what is solid, whatever triangles a version of
+    `vastflow.sim.world.world.map_content` has it; that of the mesh is of what is solid, whatever triangles a version of
     a library makes of it.
 
     Args:

@@ -49,7 +49,7 @@ class FloorGrid:
 
     @property
     def occupancy(self) -> OccupancyMap:
-        """The map that `load_map` reads from the grid's files."""
+        """The map that is read from the grid's files."""
         cells = np.full(self.gray.shape, UNKNOWN, dtype=np.int8)
         cells[self.gray == GRAY_FREE] = FREE
         cells[self.gray == GRAY_OCCUPIED] = OCCUPIED

@@ -36,7 +36,7 @@ from vastflow.producers.model.producer import (
     find_producer,
     may_list_obstacles,
 )
-from vastflow.producers.places.ground import MAP_FILE_KEYS, MapSearch
+from vastflow.producers.places.ground import GROUND, MAP_FILE_KEYS, MapSearch
 from vastflow.producers.places.start_check import pose_complaints, room_m, stops_of
 from vastflow.producers.places.stops import GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Value
@@ -46,14 +46,14 @@ from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.reading.abstract import hall_file
-from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY, difference_of
 from vastflow.sim.system.facts import robot_words
 from vastflow.sim.system.keys import FOOTPRINT_NAMES, is_of_footprint
 from vastflow.sim.system.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.system.system import system_of
-from vastflow.sim.world.map_file import MissingMap, free_unknown_cells, read_map
+from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, difference_of, world_files
 from vastflow.sim.world.noise_registry import noise_value
-from vastflow.sim.world.readers.reader import world_content
+from vastflow.sim.world.readers.reader import MissingWorld
+from vastflow.sim.world.world import free_unknown_cells, read_grid, world_content
 
 OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")
 
@@ -101,7 +101,7 @@ class FamilyReader:
         self._max_configurations = max_configurations
         self._refuse_empty = refuse_empty
         self._search = maps or MapSearch(base)
-        self._context = {"base": base, "maps": self._search, "plans": {}}
+        self._context: dict[str, Any] = {"base": base, "maps": self._search, "plans": {}}
         self._remarked: set[str] = set()
         self._maps: dict[str, FileContent] = {}
         self._overridden, self._overrides = self._fixed(OVERRIDES)
@@ -127,7 +127,7 @@ class FamilyReader:
             where = (*location, "dimensions", key)
             self._fault(where, f"{key!r} is not a fixed parameter of this family", did_you_mean(key, places), at="key")
         system = {**self._system, **{key: value for key, value in values.items() if tags[key] == "system"}}
-        links, whole = self._chain((*location, "variations"), system)
+        links, whole = self._chain((*location, "variations"), system, {*places})
         constraints = self._constraints(location)
         flow = DataFlow(self._document, location, places, links)
         good = self._check_fixed(flow, values, tags, system)
@@ -179,8 +179,8 @@ class FamilyReader:
         """
         drawn = [each.producer for each in flow.links]
         written = {key for producer in drawn for key in producer.writes if key not in producer.reads}
-        map_file = fixed.values.get(MAP_KEY)
-        if not isinstance(map_file, FileContent) or any(MAP_KEY in producer.writes for producer in drawn):
+        key, file = next(iter(world_files(fixed.values).items()), ("", None))
+        if file is None or any(key in producer.writes for producer in drawn):
             return
         kept = {key: value for key, value in fixed.values.items() if key not in written}
         stops = dict(stops_of(replace(fixed, values=kept)))
@@ -189,7 +189,7 @@ class FamilyReader:
             with suppress(FileError):  # said already
                 driven = system_of(system)
                 radius_m = min(driven.inscribed_radius_m, driven.robot.radius_m)
-        for name, what, right in pose_complaints(read_map(map_file), stops, radius_m) if stops else ():
+        for name, what, right in pose_complaints(read_grid(file), stops, radius_m) if stops else ():
             key, _, index = name.rstrip("]").partition("[")
             where = (*flow.fixed[key], *([int(index)] if index else []))
             if start_check == "none":
@@ -240,13 +240,13 @@ class FamilyReader:
         if value not in self._maps:
             try:
                 self._maps[value] = found = self._search.content(value)
-                if location[-1] == MAP_KEY and (n := free_unknown_cells(Path(found.path))):
+                if location[-1] == MAP_KEY and (n := free_unknown_cells(found)):
                     what = f"cells of the gray of unknown ones, 205, are free, as for map_server: {n:,}"
                     right = "with free_thresh: 0.196 they are unknown, and no path leads there"
                     self.notes.append(self._document.note("warning", location, what, right))
-            except ValueError as error:  # MapError; ValueError for a NUL in the path
+            except ValueError as error:  # WorldError; ValueError for a NUL in the path
                 fault = self._document.fault(location, str(error))
-                self.faults.append(replace(fault, kind="missing") if isinstance(error, MissingMap) else fault)
+                self.faults.append(replace(fault, kind="missing") if isinstance(error, MissingWorld) else fault)
         return self._maps.get(value)
 
     def _world(self, location: Location, value: Value) -> Value:
@@ -290,15 +290,17 @@ class FamilyReader:
         said = complaint_of(key, value, dimension, system)
         return said or (self._abstract.complaint(key, value) if self._abstract else None)
 
-    def _chain(self, location: Location, system: Mapping[str, Value]) -> tuple[list[Link], bool]:
+    def _chain(self, location: Location, system: Mapping[str, Value], written: set[str]) -> tuple[list[Link], bool]:
         links: list[Link] = []
         raw = self._listed(location)
         for k, entry in enumerate(raw):
             if isinstance(entry, dict) and len(entry) == 1:
                 ((name, given),) = entry.items()
                 where = (*location, k, name)
+                self._context[GROUND] = f"@{WORLD_KEY}" if WORLD_KEY in written and MAP_KEY not in written else None
                 if producer := self._producer(where, name, given, system):
                     links.append(Link(where, producer))
+                    written |= producer.writes.keys()
         return links, len(links) == len(raw)
 
     def _producer(self, location: Location, name: str, given: Any, system: Mapping[str, Value]) -> Producer[Any] | None:

@@ -19,7 +19,7 @@ from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY
 
 MISSION_KEYS: Final = frozenset({START_KEY, GOAL_KEY, GOALS_KEY, LOOPS_KEY})
 
@@ -62,9 +62,13 @@ class DataFlow:
         if abstract.goal_keys(written):
             written = {*written, GOAL_KEY}
         missing = list(dict.fromkeys(" or ".join(group) for group in abstract.needed if written.isdisjoint(group)))
+        name = abstract.name or "a navigation mission"
+        if MAP_KEY in missing and WORLD_KEY in self.fixed:
+            missing.remove(MAP_KEY)
+            unknown = f"{name} needs a map to localize on, and this world is not known to the robot"
+            yield self.document.fault(self.fixed[WORLD_KEY], unknown, f"name what it knows as {MAP_KEY}", at="key")
         if not missing:
             return
-        name = abstract.name or "a navigation mission"
         misnamed = [
             (link, key) for link in self.links for key, tag in link.producer.writes.items()
             if tag == "task" and key not in MISSION_KEYS and key not in abstract.parameters

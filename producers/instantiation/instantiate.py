@@ -35,7 +35,7 @@ from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Texts, Value
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.scenario import Dimension, ProcessSetup, scenario_of
-from vastflow.sim.reading.world import MAP_KEY
+from vastflow.sim.world.environment import MAP_KEY
 
 
 @dataclass(frozen=True, slots=True)

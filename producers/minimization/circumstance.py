@@ -17,9 +17,9 @@ from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.obstacle import TRIGGER_POINT_KEY, TRIGGER_THRESHOLD_KEY, obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import Dimension
-from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY
 from vastflow.sim.system.keys import FILE_KEY
 from vastflow.sim.system.system import system_of
+from vastflow.sim.world.environment import WORLD_KEY, ground_file
 
 LEVELS: Final = 8
 """Parts into which the distance of a value from its default is divided."""
@@ -203,8 +203,8 @@ def shortened(values: dict[str, Any], key: str, share: float) -> None:
 
 
 def _ground(values: dict[str, Any]) -> Ground | None:
-    content = values.get(MAP_KEY)
-    if not isinstance(content, FileContent):
+    content = ground_file(values)
+    if content is None:
         return None
     try:
         plain = {key: value for key, value in values.items() if not isinstance(value, list | dict)}

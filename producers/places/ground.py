@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
+from pydantic import Field, PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
 from pydantic_core import PydanticCustomError
 from shapely.geometry import Polygon
 from shapely.geometry.polygon import orient
@@ -21,10 +21,11 @@ from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.reading.world import MAP_KEY
 from vastflow.sim.system.keys import MASK_KEYS
-from vastflow.sim.world.map_file import MissingMap, map_content, read_map
+from vastflow.sim.world.environment import MAP_KEY
 from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.readers.reader import MissingWorld
+from vastflow.sim.world.world import map_content, read_grid
 
 
 @dataclass
@@ -48,8 +49,8 @@ class MapSearch:
         """The map that the campaign file calls `name`.
 
         Raises:
-            MissingMap: it is in neither place.
-            MapError: it is no map.
+            MissingWorld: it is in neither place.
+            WorldError: it is no map.
             ValueError: the name is none that a file can have.
         """
         path = self.base / name
@@ -57,7 +58,7 @@ class MapSearch:
             return map_content(path)
         if self.map_dir is None:
             right = "Expected a map_server YAML file, here or at this place in a folder that --map-dir names."
-            raise MissingMap(f"{path}: No such file. {right}")
+            raise MissingWorld(f"{path}: No such file. {right}")
         parts = Path(name).parts
         ends = ["/".join(parts[k:]) for k in range(1, len(parts))] if Path(name).is_absolute() else [name]
         there = [self.map_dir / end for end in ends]
@@ -66,7 +67,7 @@ class MapSearch:
             files = [file for depth in ("*", "*/*", "*/*/*") for file in self.map_dir.glob(f"{depth}.yaml")]
             offered = sorted(file.relative_to(self.map_dir).as_posix() for file in files)
             right = did_you_mean(name, offered, f"{str(self.map_dir)!r} has no map, so name another --map-dir")
-            raise MissingMap(f"{path}: {message_of(f'no such file, and no {there[-1]}', right)}")
+            raise MissingWorld(f"{path}: {message_of(f'no such file, and no {there[-1]}', right)}")
         found = map_content(borrowed)
         self.borrowed[found.path] = name
         return found
@@ -117,21 +118,21 @@ class Ground:
 
 
 @functools.lru_cache(maxsize=4)
-def ground_of(map_file: FileContent, robot_diameter_m: float, room_m: float = 0.0) -> Ground:
-    """The ground of a robot on a map; kept for the next evaluation, a large map costs half a second.
+def ground_of(file: FileContent, robot_diameter_m: float, room_m: float = 0.0) -> Ground:
+    """The ground of a robot on a map, or in a world without one; kept for the next evaluation, a large map costs half a second.
 
     Args:
         room_m: How far from the nearest wall its center must be to begin or end there.
 
     Raises:
-        MapError: the file can't be read any more, or holds another map than when the campaign was read.
+        WorldError: the file can't be read any more, or holds something else than when the campaign was read.
     """
     # Half a second for these, also where others import them in functions: none where all paths are in the store.
     from skimage.measure import label
 
     from vastflow.sim.world import octile
 
-    occupancy = read_map(map_file)
+    occupancy = read_grid(file)
     radius_cells = octile.whole_cells(robot_diameter_m / 2, occupancy.resolution_m)
     passable = octile.inflated_free(occupancy.free, radius_cells)
     labels = label(passable, connectivity=2)
@@ -180,7 +181,7 @@ def touched_cells(occupancy: OccupancyMap, area: Polygon, reach_cells: float = 0
 
 
 def map_of(inputs: Mapping[str, Value], parameter: FileContent | str | None = None) -> FileContent:
-    """The map a producer works on: its own parameter, the key that names, or the configuration's `map_file`.
+    """The file on whose ground a producer places: its own parameter, that under a key, or the configuration's `map_file`.
 
     Raises:
         ValueError: there is none.
@@ -198,7 +199,7 @@ def room_of(inputs: Mapping[str, Value]) -> float:
 
 
 def map_key(parameter: FileContent | str | None) -> str:
-    """The configuration's key that holds the map."""
+    """The configuration's key that holds the map, or the world."""
     return parameter.removeprefix("@") if isinstance(parameter, str) else MAP_KEY
 
 
@@ -221,13 +222,14 @@ def map_value(value: Any, info: ValidationInfo) -> FileContent:
     search: MapSearch = context.get("maps") or MapSearch(Path(context.get("base", ".")))
     try:
         return search.content(value)
-    except MissingMap as error:
+    except MissingWorld as error:
         raise PydanticCustomError(MISSING_FILE, "{error}", {"error": str(error)}) from None
 
 
 def _map_parameter(value: Any, info: ValidationInfo) -> FileContent | str | None:
-    is_key = value is None or (isinstance(value, str) and value.startswith("@"))
-    return value if is_key else map_value(value, info)
+    if value is None:  # of a family with a world and no map, the world
+        return (info.context or {}).get(GROUND)
+    return value if isinstance(value, str) and value.startswith("@") else map_value(value, info)
 
 
 def serializable(value: Value) -> Value:
@@ -239,10 +241,14 @@ def serializable(value: Value) -> Value:
     return [serializable(item) for item in value] if isinstance(value, list | tuple) else value
 
 
+GROUND: Final = "ground"
+"""Key of the validation context with the default of a `MapParameter`."""
 MapParameter: TypeAlias = Annotated[
     FileContent | str | None,
+    Field(validate_default=True),
     PlainValidator(_map_parameter),
     PlainSerializer(serializable, return_type=Any),
     WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "null"}]}),
 ]
-"""A map file, or `@key` of the configuration's key that holds one, or nothing: the configuration's `map_file`."""
+"""A map file, or `@key` of the configuration's key that holds one, or nothing: the configuration's `map_file`, or its `world` where
+it has no map."""

@@ -15,19 +15,19 @@ from vastflow.producers.model.configuration import Fragment, Partial, RejectedIn
 from vastflow.producers.model.producer import ROOM_KEY, Producer, draws_of, may_list_obstacles
 from vastflow.producers.places.ground import touched_cells
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
-from vastflow.sim.model.digest import FileContent, Value, canonical
+from vastflow.sim.model.digest import Value, canonical
 from vastflow.sim.model.elementary import cos_sin
 from vastflow.sim.model.faults import FileError, Got, Problem
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of
 from vastflow.sim.model.polygon import circumscribed_radius_m
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY
-from vastflow.sim.reading.world import MAP_KEY, WORLD_KEY, world_file_of
 from vastflow.sim.system.keys import is_of_footprint
 from vastflow.sim.system.robot import ROBOT_KEY
 from vastflow.sim.system.system import system_of
+from vastflow.sim.world.environment import world_files, world_of
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.world import read_world
+from vastflow.sim.world.world import World
 
 LABEL: Final = "start_check"
 """Name of the start check in tables and reports."""
@@ -39,7 +39,7 @@ class StartCheck:
     """Rejects configurations with a start or goal too close to a wall for the local footprint.
 
     An obstacle that is there from the beginning counts at the start only: whether a goal can be occupied is for the mission to
-    tell. A configuration without a map or without poses has nothing to check.
+    tell. A configuration without a world or without poses has nothing to check.
     """
 
     def __init__(self, family: str, overrides: Mapping[str, Value]) -> None:
@@ -64,32 +64,33 @@ class StartCheck:
     def rejected(self, partial: Partial) -> RejectedInstance | None:
         """Why the robot can't begin or end there; None where it can."""
         partial = replace(partial, values={**partial.values, **self._overrides}) if self._overrides else partial
-        map_file = partial.values.get(MAP_KEY)
+        files = world_files(partial.values)
         stops = dict(stops_of(partial))
-        if not stops or not isinstance(map_file, FileContent):
+        if not stops or not files:
             return None
         system = {key: value for key, value in partial.values.items() if is_of_footprint(key)}
         standing = [*_standing(partial)] if START_KEY in stops else []
         poses = {key: pose.value() for key, pose in stops.items()}
-        world_file = world_file_of(partial.values.get(WORLD_KEY))
-        content = canonical([map_file, world_file, poses, system, [*map(str, standing)]])
-        if content not in self._known:
-            walls = read_world(map_file, world_file=world_file).walls
-            self._known[content] = self._reason(walls, stops, system, standing)
+        content = canonical([files, poses, system, [*map(str, standing)]])
+        if content not in self._known and (world := world_of(files)):
+            self._known[content] = self._reason(world, stops, system, standing)
         reason = self._known[content]
-        inputs: dict[str, Value] = {MAP_KEY: map_file, **poses}
+        inputs: dict[str, Value] = {**dict([*files.items()][:1]), **poses}
         return RejectedInstance(self._family, partial.name, LABEL, reason, {}, inputs) if reason else None
 
     def _reason(
         self,
-        occupancy: OccupancyMap,
+        world: World,
         stops: Mapping[str, Pose],
         system: Mapping[str, Value],
         standing: Sequence[Obstacle],
     ) -> str | None:
+        walls = world.walls
         for key, pose in stops.items():
-            if not occupancy.contains(*occupancy.cell_of(pose.x_m, pose.y_m)):
-                return f"{key} ({pose.x_m:g}, {pose.y_m:g}) lies outside of the map"
+            if not walls.contains(*walls.cell_of(pose.x_m, pose.y_m)):
+                x0, y0, x1, y1 = world.bounds_m
+                ground = "the map" if world.map else f"the world, from ({x0:g}, {y0:g}) to ({x1:g}, {y1:g})"
+                return f"{key} ({pose.x_m:g}, {pose.y_m:g}) lies outside of {ground}"
             parameters = canonical(dict(system))
             if parameters not in self._outlines:
                 self._outlines[parameters] = _outline(system)
@@ -99,7 +100,7 @@ class StartCheck:
             corners = np.column_stack((c * x - s * y + pose.x_m, s * x + c * y + pose.y_m))
             area = MultiPoint(corners).convex_hull
             into = next((o.name for o in standing if key == START_KEY and area.intersects(o.footprint())), None)
-            if occupancy.occupied[tuple(touched_cells(occupancy, area).T)].any():
+            if walls.occupied[tuple(touched_cells(walls, area).T)].any():
                 into = "a wall"
             if into:
                 has_body = f"{ROBOT_KEY}.radius" in system or f"{ROBOT_KEY}.polygon" in system

@@ -8,7 +8,7 @@ from outside import paper_map
 from PIL import Image
 
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 
 GRAY = {".": 254, "#": 0, "?": 205}
 

@@ -13,7 +13,8 @@ from vastflow.producers.floorplan.files import PlanFile, read_variation_file
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate
-from vastflow.sim.world.map_file import load_map, map_content
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.world import map_content
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import FRAGMENTS, content_of, files_in, packed, read_evaluation
 from vastflow.tasks.store.store import open_store

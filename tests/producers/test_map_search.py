@@ -11,8 +11,8 @@ from vastflow.producers.campaign_file.scenario import run_files
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.places.ground import MapSearch
 from vastflow.sim.model.faults import FileError
-from vastflow.sim.world.map_file import MapError
-from vastflow.sim.world.readers.reader import world_content
+from vastflow.sim.world.readers.reader import WorldError
+from vastflow.sim.world.world import world_content
 
 CAMPAIGN = """\
 configuration:
@@ -64,7 +64,7 @@ def test_map_beside_campaign_file_has_precedence_over_map_dir(places):
 )
 def test_missing_map_names_both_places_and_nearest_map(places, name, folder, said):
     base, maps = places
-    with pytest.raises(MapError, match=said):
+    with pytest.raises(WorldError, match=said):
         MapSearch(base, maps.parent / folder).content(name)
 
 

@@ -22,7 +22,7 @@ from vastflow.producers.minimization.minimize import (
 )
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 
 FAILS, PASSES = Outcome("fails", 7, 7), Outcome("does not fail", 0, 10)
 

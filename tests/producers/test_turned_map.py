@@ -14,7 +14,8 @@ from vastflow.producers.model.configuration import Fragment
 from vastflow.producers.model.producer import Draws
 from vastflow.sim.model.obstacle import obstacle_of
 from vastflow.sim.model.pose import GridFrame, pose_of
-from vastflow.sim.world.map_file import load_map, map_content
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.world import map_content
 
 YAW_RAD = 0.5
 FRAME = GridFrame((-1.0, -2.0), YAW_RAD)

@@ -6,8 +6,8 @@ from vastflow.producers.catalog.world import WorldVariation
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate
-from vastflow.sim.reading.world import difference_of
 from vastflow.sim.world.difference import differing
+from vastflow.sim.world.environment import difference_of
 from vastflow.sim.world.map_file import load_map
 
 ROOMS = [
