@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.results.tables import ConfigurationTable
 from vastflow.oracles.results.units import numbers_of
-from vastflow.sim.reading.world import WORLD_KEY
+from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY
 
 MEASURED: Final[Mapping[str, str]] = {"_path_length": "path length (m)"}
 """Provenance keys of numbers that follow from a draw, to their names; they are no factors."""
@@ -40,7 +40,7 @@ def chosen_values(configurations: ConfigurationTable, k: int) -> dict[str, Any]:
     requested = {n: value for n, (_, value) in _requested(configurations, k).items() if n.split(".")[-1] != _DRAW}
     steps = configurations.written[k]
     drawn = {key for keys in steps if any(key.startswith(_REQUESTED) for key in keys) for key in keys}
-    drawn.discard("map_file")
+    drawn.discard(MAP_KEY)
     if WORLD.keys() & configurations.provenances[k].keys():
         drawn.add(WORLD_KEY)
     given = {key: value for key, value in configurations.factors[k].items() if key not in drawn}

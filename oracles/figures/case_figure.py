@@ -18,11 +18,10 @@ from vastflow.oracles.figures.style import COLORS, DPI, INK, OBSTACLE_COLOR, OBS
 from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.observation.situation import Situation, situation_of
 from vastflow.oracles.query.scene import NO_ZONES, Zones, zones_of
-from vastflow.oracles.results.executed import KeptFiles, kept_map, scenario_of_row
+from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.tables import Tables
 from vastflow.sim.model.obstacle import Obstacle
-from vastflow.sim.reading.world import WORLD_KEY, difference_of, world_file_of
-from vastflow.sim.world.readers.reader import bodies_of
+from vastflow.sim.world.environment import world_of
 from vastflow.sim.world.world import World
 
 Floats = NDArray[np.float64]
@@ -74,15 +73,11 @@ class Case:
 
 
 def case_of(tables: Tables, configuration: int, files: KeptFiles) -> Case:
-    """The configuration at an index on its map, before any run; a `ValueError` without a map."""
-    environment = tables.configurations.environments[configuration]
-    if environment is None:
-        raise ValueError("it has no map")
+    """The configuration at an index in its world, before any run; a `ValueError` without a world."""
     scenario = scenario_of_row(tables.configurations.row(configuration), files)
-    given = scenario.environment.get(WORLD_KEY)
-    file = world_file_of(given)
-    bodies = None if file is None else bodies_of(file)
-    world = World(kept_map(tables.directory, environment), difference_of(given), bodies)
+    world = world_of(scenario.environment)
+    if world is None:
+        raise ValueError("it has no map")
     situation = situation_of(scenario)
     return Case("", world, situation, situation.obstacles, (), zones=zones_of([scenario]))
 
@@ -138,8 +133,8 @@ def pair_figure(title: str, sides: tuple[Case, Case]) -> Figure:
 
 def _draw(axes: Axes, case: Case, alpha: Callable[[int], float | None]) -> list[Line2D]:
     """Fill `axes` with a case, n lines at the opacity `alpha(n)`, and return legend entries of its ends."""
-    maps.draw_floor(axes, case.world.map, case.zones)
-    if case.world.difference:
+    maps.draw_floor(axes, case.world.ground, case.zones)
+    if case.world.walls is not case.world.ground:
         maps.draw_walls(axes, case.world.walls)
     axes.set(xticks=[], yticks=[])
     maps.draw_obstacles(axes, case.obstacles, alpha=0.7)
@@ -168,7 +163,7 @@ def _look_at(axes: Axes, low: Floats, high: Floats, shape: tuple[float, float], 
 
 def plan_view_figure(view: Case) -> Figure:
     """The map with everything of the scenario on it; an obstacle that appears has its outline and trigger dashed."""
-    figure, axes = maps.map_figure(view.world.map, legend_rows=2, top_in=_PLAN_TITLE_IN, zones=view.zones)
+    figure, axes = maps.map_figure(view.world.ground, legend_rows=2, top_in=_PLAN_TITLE_IN, zones=view.zones)
     top = 1 - 0.12 / figure.get_figheight()
     figure.suptitle(view.title, x=0.02, ha="left", y=top, va="top", fontsize=10, color=INK)
     handles: list[Any] = []

@@ -27,8 +27,8 @@ from vastflow.sim.model.elementary import atan2s, hypots
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.recording import Recording, si
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.reading.world import world_of
 from vastflow.sim.system.system import system_of
+from vastflow.sim.world.environment import world_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.octile import inflated_free, shortest_path
 
@@ -135,7 +135,7 @@ class ScenarioObserver:
     def __init__(self, scenario: Scenario) -> None:
         self.situation = situation = situation_of(scenario)
         world = world_of(scenario.environment)
-        occupancy = None if world is None else world.map
+        occupancy = None if world is None else world.ground
         radius_m = system_of(scenario.system).inscribed_radius_m
 
         @functools.cache

@@ -23,8 +23,8 @@ from vastflow.sim.model.recording import run_of, si
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.system.keys import MASK_KEYS
 from vastflow.sim.system.system import system_of
-from vastflow.sim.world.map_file import read_map
 from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.world import read_grid
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,7 +53,7 @@ def zones_of(scenarios: Iterable[Scenario]) -> Zones:
         for mask, found in ((masks.keepout, keepout), (masks.speed, speed)):
             if mask is not None:
                 found[mask.digest] = mask
-    return Zones(*(tuple(read_map(mask) for mask in found.values()) for found in (keepout, speed)))
+    return Zones(*(tuple(read_grid(mask) for mask in found.values()) for found in (keepout, speed)))
 
 
 _STEP_M: Final = 0.05

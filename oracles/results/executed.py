@@ -24,9 +24,8 @@ from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.scenario import Scenario, setup_of
 from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.system.system import system_kind
-from vastflow.sim.world.map_file import load_map, map_content
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.readers.reader import world_content
+from vastflow.sim.world.world import world_at, world_content
 
 NAMED_FILES: Final = "files.json"
 """File in `environments/` with the places of files by digests that are not of their bytes, such as meshes."""
@@ -77,23 +76,21 @@ class KeptFiles:
         }
 
     def _contents(self, file: Path) -> Iterator[FileContent]:
-        """Yield a file as bytes, scenario file, map, and Nav2 parameters; no plug-in is executed."""
+        """Yield a file as bytes, scenario file, map or world, and Nav2 parameters; no plug-in is executed."""
         yield FileContent(str(file), file_digest(file))
         if file.suffix == ".osc":
             with suppress(ValueError):
                 yield abstract_content(file)
         with suppress(ValueError):
-            yield world_content(file)
+            yield world_content(file, self._directory)
         if file.suffix in (".yaml", ".yml"):
-            with suppress(ValueError):
-                yield map_content(file, self._directory)
             with suppress(ValueError):
                 yield system_kind().file_content(file, within=self.inputs)
 
 
 def kept_map(directory: Path, environment: str) -> OccupancyMap:
-    """Return the map that a campaign directory keeps of an environment; MapError if it lies elsewhere or can't be used."""
-    return load_map(directory / "environments" / environment / "map.yaml", directory)
+    """Return the ground that a campaign directory keeps of an environment; WorldError if it lies elsewhere or can't be used."""
+    return world_at(directory / "environments" / environment / "map.yaml", directory).ground
 
 
 def configuration_row(directory: Path, configuration: str) -> Mapping[str, Any]:
@@ -144,12 +141,11 @@ def _value(value: Any, files: KeptFiles) -> Any:
 
 
 def environment_names(directory: Path, environments: Iterable[str | None]) -> dict[str, str]:
-    """Digest to the name of the map's file or floor plan; equal names are numbered."""
+    """Digest to the name of the map's or world's file or floor plan; equal names are numbered."""
     files = {}
     for file in files_below(directory / "inputs"):
-        if file.suffix in (".yaml", ".yml"):
-            with suppress(ValueError):
-                files[map_content(file, directory).digest] = file.stem
+        with suppress(ValueError):
+            files[world_content(file, directory).digest] = file.stem
     names = {digest: files.get(digest, digest[:8]) for digest in environments if digest}
     for digest in names:
         with suppress(ValueError, OSError, KeyError, TypeError):  # the provenance beside a map names its floor plan

@@ -8,6 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.world.environment import GROUND_KEYS
+
 _text: Final = json.JSONEncoder(sort_keys=True, ensure_ascii=False).encode
 
 
@@ -36,7 +38,11 @@ def units_of(scenarios: Iterable[Mapping[str, Any]]) -> Units:
     Args:
         scenarios: The dimensions `environment`, `task` and `system` of each configuration, as in the column `scenario`.
     """
-    rows = [(row.get("environment", {}).get("map_file"), row.get("task", {})) for row in scenarios]
+    rows = [
+        (next((found[key] for key in GROUND_KEYS if key in found), None), row.get("task", {}))
+        for row in scenarios
+        for found in [row.get("environment", {})]
+    ]
     maps = numbers_of([place for place, _ in rows])
     # The same poses driven otherwise, such as in more rounds, are one path.
     paths = numbers_of([{k: v for k, v in task.items() if isinstance(v, dict | list)} or task for _, task in rows])

@@ -20,9 +20,9 @@ from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
-from vastflow.sim.world.map_file import load_map, map_content
+from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.world import World
+from vastflow.sim.world.world import World, map_content
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]

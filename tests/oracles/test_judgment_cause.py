@@ -21,7 +21,7 @@ from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import run as simulated
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 
 START, GOAL = (1.0, 2.0), (9.0, 2.0)
 ALONG = [(1.0 + 0.05 * k, 2.0) for k in range(161)]

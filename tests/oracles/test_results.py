@@ -21,7 +21,8 @@ from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import CODES, ConfigurationTable, VerdictTable
 from vastflow.oracles.results.units import units_of
 from vastflow.sim.model.digest import file_digest
-from vastflow.sim.world.map_file import MapError, map_content
+from vastflow.sim.world.readers.reader import WorldError
+from vastflow.sim.world.world import map_content
 
 NAMES = ["a", "b", "c"]
 
@@ -150,7 +151,7 @@ def test_map_of_a_directory_that_leads_out_of_it_is_not_read(tmp_path, leads_out
         if leads_out == "link to the picture":
             (folder / picture.name).symlink_to(picture)
     assert environment_names(directory, [digest]) == {digest: digest[:8]}
-    with pytest.raises(MapError, match="expected map and picture in"):
+    with pytest.raises(WorldError, match="expected the files of a world in"):
         kept_map(directory, digest)
     with pytest.raises(ValueError, match="no file has the digest"):
         KeptFiles(directory).path(digest)
