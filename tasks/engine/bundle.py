@@ -25,7 +25,7 @@ from vastflow.sim.model.faults import FileError, ScenarioError
 from vastflow.sim.model.files import Unreadable, open_file
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot
 from vastflow.sim.scenario.language.reading import files_of
-from vastflow.sim.world.map_file import MapError, image_of
+from vastflow.sim.world.readers.reader import WorldError, files_of_world, known_reader
 from vastflow.tasks.store.store import WRITING_S, Lost, Store, StoreError
 
 STAGE: Final = "bundle"
@@ -132,10 +132,9 @@ def needed_files(path: Path) -> tuple[Path, ...]:
     """
     if path.suffix == ".osc":
         return tuple(_absolute(file) for file in files_of(path))
-    if path.suffix in (".yaml", ".yml"):
-        with suppress(MapError):  # another YAML file
-            if not os.path.isabs(image := image_of(path)):
-                return path, _absolute(path.parent / image)
+    with suppress(WorldError):  # another YAML file
+        known_reader(path)
+        return path, *(_absolute(each) for each in files_of_world(path)[1:])
     return (path,)
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.checked import checked_digest
+from vastflow.sim.world.environment import MAP_KEY
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.artifact import Block, Stored
 from vastflow.tasks.store.store import Artifact, Store
@@ -34,7 +35,7 @@ class ConfigurationRuns:
     @property
     def drives(self) -> bool:
         """True if a robot drives in it, which takes compiled kernels: without a map nothing does."""
-        return "map_file" in self.scenario.environment
+        return MAP_KEY in self.scenario.environment
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,7 +117,8 @@ def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
         systems: System dimensions, one for each controller.
     """
     from vastflow.sim.run import run
-    from vastflow.sim.world.map_file import map_content
+    from vastflow.sim.world.environment import MAP_KEY
+    from vastflow.sim.world.world import map_content
 
     with few_collections(), tempfile.TemporaryDirectory() as folder:
         room = Path(folder, "room.yaml")
@@ -129,7 +130,7 @@ def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
             "goal_pose": {"position": {"x": 2.0, "y": 1.5}, "orientation": {"yaw": 0.0}},
         }
         for system in systems:
-            run(Scenario("builtin:navigate_to_pose", 20.0, {"map_file": map_content(room)}, poses, system), 0, 0)
+            run(Scenario("builtin:navigate_to_pose", 20.0, {MAP_KEY: map_content(room)}, poses, system), 0, 0)
 
 
 def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, seed: int) -> Executed:

@@ -52,9 +52,11 @@ READING: Final = (
     "vastflow.sim.scenario.definition",
     "vastflow.sim.scenario.language",
     "vastflow.sim.system",
+    "vastflow.sim.world.environment",
     "vastflow.sim.world.map_file",
     "vastflow.sim.world.noise_conformance",
     "vastflow.sim.world.noise_registry",
+    "vastflow.sim.world.readers",
 )
 """Packages that read and check, and load plug-ins. No result follows from their code: keys hold the values they read, and
 the snapshots of plug-ins."""

@@ -17,7 +17,8 @@ from vastflow.sim.model.scenario import ProcessSetup, Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.reading.abstract import abstract_content, definition_of
 from vastflow.sim.scenario.programs.folders import copy_in, files_matching
-from vastflow.sim.world.map_file import load_map, map_content
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.world import map_content
 from vastflow.tasks.engine.bundle import Packer
 from vastflow.tasks.store.store import StoreError, open_store
 

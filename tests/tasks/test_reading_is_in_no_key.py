@@ -29,10 +29,13 @@ STAGES = {"execute": EXECUTE_SOURCE, "observe": OBSERVE_SOURCE, "judge": JUDGE_S
 RESULTS_OF_READING = {
     "vastflow.sim.reading.checked.checked_of",
     "vastflow.sim.world.map_file.load_map",
-    "vastflow.sim.world.map_file.map_content",
+    "vastflow.sim.world.readers.reader.check_within",
+    "vastflow.sim.world.readers.reader.known_reader",
+    "vastflow.sim.world.readers.reader.read_file",
+    "vastflow.sim.world.readers.reader.reader_of",
     "vastflow.sim.reading.script.script_of",
-    "vastflow.sim.reading.world.difference_of",
-    "vastflow.sim.reading.world.world_of",
+    "vastflow.sim.world.environment.difference_of",
+    "vastflow.sim.world.environment.world_of",
     "vastflow.sim.system.system.system_of",
     "vastflow.sim.world.noise_registry.noise_value",
 }
