@@ -24,9 +24,9 @@ from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import FileError, message_of
 from vastflow.sim.model.files import copy_file, files_below
-from vastflow.sim.reading.world import MAP_KEY
 from vastflow.sim.system.keys import FILE_KEY, MASK_KEYS
-from vastflow.sim.world.map_file import image_of
+from vastflow.sim.world.environment import MAP_KEY
+from vastflow.sim.world.readers.reader import files_of_world
 
 FAMILY: Final = "minimal"
 FILE: Final = "minimal.vast"
@@ -121,8 +121,7 @@ def candidate_files(failing: Failing) -> Iterator[CandidateFiles]:
         for key in failing.subject.values.keys() & _MAPS.keys():
             content = failing.subject.values[key]
             assert isinstance(content, FileContent)
-            map_file = Path(content.path)
-            for file in (map_file, map_file.parent / image_of(map_file)):
+            for file in files_of_world(Path(content.path)):
                 copy_file(file, folder / _MAPS[key] / file.name)
         yield CandidateFiles(failing, folder)
 

@@ -19,9 +19,9 @@ from vastflow.sim.model.files import read_bytes, read_json, yaml_value
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.plug_ins.loading import check_permitted
-from vastflow.sim.reading.world import MAP_KEY
 from vastflow.sim.system.keys import FILE_KEY, MASK_KEYS
 from vastflow.sim.system.system import system_of
+from vastflow.sim.world.environment import MAP_KEY
 
 MESH_KEY = "mesh_file"
 """Ignored by runs, see `vastflow.producers.instantiation.family`."""

@@ -66,13 +66,14 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
     from vastflow.sim.model.polygon import circumscribed_radius_m
     from vastflow.sim.system.keys import FILE_KEY
     from vastflow.sim.system.system import system_kind, system_of
-    from vastflow.sim.world.map_file import MapError, map_content
+    from vastflow.sim.world.readers.reader import WorldError
+    from vastflow.sim.world.world import map_content
 
     try:
         file = {} if nav2_params is None else {FILE_KEY: system_kind().file_content(nav2_params)}
         diameter_m = math.ceil(200 * circumscribed_radius_m(system_of(file).start_outline)) / 100
         ground = ground_of(map_content(map_file), diameter_m, diameter_m / 2)
-    except MapError as error:
+    except WorldError as error:
         raise UserError(str(error)) from None
     # From any place in the largest area some place is at least half as far as the two that are farthest apart.
     largest = ground.cells[ground.component_cells.argmax()] if len(ground.cells) else None

@@ -186,7 +186,7 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
     from vastflow.oracles.query.scene import zones_of
     from vastflow.oracles.replay.story import Story, view_of
     from vastflow.sim.reading.script import script_of
-    from vastflow.sim.reading.world import world_of
+    from vastflow.sim.world.environment import world_of
 
     metadata = recorded.metadata
     equal = "" if difference else ", equal to the recording bit for bit"

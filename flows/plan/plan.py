@@ -29,7 +29,7 @@ from vastflow.producers.places.stops import PATH_KEY, PATH_LENGTH_KEY
 from vastflow.producers.search.criteria import plan_text
 from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.reading.script import script_of
-from vastflow.sim.reading.world import world_of
+from vastflow.sim.world.environment import world_of
 from vastflow.tasks.engine.evaluation import FRAGMENTS, write_evaluation
 from vastflow.tasks.engine.forced import Forced
 from vastflow.tasks.engine.index import Index, missing

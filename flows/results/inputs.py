@@ -24,9 +24,8 @@ from vastflow.sim.plug_ins.loading import check_permitted, snapshot_behind
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot, plug_ins_in
 from vastflow.sim.scenario.language.reading import files_of
 from vastflow.sim.system.keys import FILE_KEY
-from vastflow.sim.world.map_file import image_of, load_map
-from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.readers.reader import files_of_world, reader_of
+from vastflow.sim.world.readers.reader import files_of_world
+from vastflow.sim.world.world import World, world_at
 from vastflow.tasks.engine.evaluation import content_of, files_in, producers_in
 from vastflow.tasks.store.artifact import inside
 
@@ -38,14 +37,14 @@ class Inputs:
     Attributes:
         files: Place below `inputs/` to content: maps with their pictures, Nav2 parameter files, the scenario file and
             what it imports, floor plans and their variations, run files, plug-ins with all that they use.
-        maps: Digest to map.
+        worlds: Digest to the world of a map, or of another file.
         places: File from elsewhere, relative to the campaign file's folder, to its place below `inputs/`. A map of the
             user's folder of maps is kept as if it lay beside the campaign file, for there it is looked for first.
     """
 
     campaign: bytes = field(repr=False)
     files: Mapping[str, bytes] = field(repr=False)
-    maps: Mapping[str, OccupancyMap] = field(repr=False)
+    worlds: Mapping[str, World] = field(repr=False)
     places: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, directory: Path) -> None:
@@ -67,20 +66,15 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     parameter_files = files_in(*(values.pop(FILE_KEY, None) for values in fixed))
     map_files = files_in(*fixed, *(p.parameters for p in producers))
     map_files = {key: file for key, file in map_files.items() if all(each.digest != key for each in plug_in_files)}
-    worlds = {key: file for key, file in map_files.items() if reader_of(Path(file))}
-    map_files = {key: file for key, file in map_files.items() if key not in worlds}
     kept = _Kept(base)
     for parameter_file in map(Path, parameter_files.values()):
         kept.keep(parameter_file)
     for content in plug_in_files:
         kept.keep_beside(content)
-    for world in map(Path, worlds.values()):
-        kept.keep(*files_of_world(world))
-    for path in map_files.values():
-        borrowed = campaign.borrowed_maps.get(path)
-        beside = Path(path) if borrowed is None else base / borrowed
-        picture = image_of(Path(path))
-        kept.keep(Path(path), Path(path).parent / picture, at=[beside, beside.parent / picture])
+    for path in map(Path, map_files.values()):
+        together, borrowed = files_of_world(path), campaign.borrowed_maps.get(str(path))
+        beside = path if borrowed is None else base / borrowed
+        kept.keep(*together, at=[beside.parent / os.path.relpath(file, path.parent) for file in together])
     others = [base / name for producer in producers for name in _plan_files(producer.parameters)]
     others += files_of(Path(campaign.abstract.path)) if isinstance(campaign.abstract, FileContent) else []
     others += [Path(file.path) for _, file in (campaign.programs.files if campaign.programs else ())]
@@ -90,8 +84,8 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     for plug_in in (*producers, *oracles):
         if (snapshot := snapshot_behind(type(plug_in))) is not None:
             kept.keep_snapshot(snapshot)
-    maps = {key: load_map(file) for key, file in map_files.items()}
-    return Inputs(read_bytes(campaign.path), kept.files, maps, kept.places)
+    worlds = {key: world_at(Path(file)) for key, file in map_files.items()}
+    return Inputs(read_bytes(campaign.path), kept.files, worlds, kept.places)
 
 
 @dataclass

@@ -37,9 +37,9 @@ from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import one_archive
 from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.files import copy_file, replace_file
-from vastflow.sim.reading.world import MAP_KEY
-from vastflow.sim.world.map_file import read_map
+from vastflow.sim.world.environment import ground_file
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from vastflow.sim.world.world import World, read_grid
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.keys.keys import Keys
 
@@ -91,7 +91,7 @@ def write_results(
     inputs.write(place)
     metadata = {**metadata_of(campaign, keys, created), **record}
     write_json(place / "metadata.json", metadata)  # for another run, should this process be killed
-    _write_environments(place / "environments", inputs.maps, instantiation.configurations)
+    _write_environments(place / "environments", inputs.worlds, instantiation.configurations)
     write_json(place / "coverage.json", instantiation.coverage)
     write_instantiation(place, instantiation)
     for folder in ("recordings", "traces"):
@@ -206,28 +206,26 @@ def _written(
     return configuration, result
 
 
-def _write_environments(
-    directory: Path, maps: Mapping[str, OccupancyMap], configurations: Iterable[Configuration]
-) -> None:
-    """Write each map into a folder of its digest, with the files of its floor plan.
+def _write_environments(directory: Path, worlds: Mapping[str, World], configurations: Iterable[Configuration]) -> None:
+    """Write each map, or the walls of a world without one, into a folder of its digest, with the files of its floor plan.
 
     Args:
-        maps: Digest to the maps that the campaign file names; any other is a producer's own.
+        worlds: Digest to the worlds that the campaign file names; any other is a producer's own.
     """
     named: dict[str, str] = {}
     for configuration in configurations:
-        map_file = configuration.scenario.environment.get(MAP_KEY)
-        if not isinstance(map_file, FileContent):
+        map_file = ground_file(configuration.scenario.environment)
+        if map_file is None:
             continue
         folder = directory / map_file.digest
         if not folder.exists():
-            own = maps.get(map_file.digest)
-            write_map(folder, read_map(map_file) if own is None else own)
+            own = worlds.get(map_file.digest)
+            write_map(folder, read_grid(map_file) if own is None else own.ground)
             for beside in (Path(map_file.path).with_name(name) for name in (MESH, PLAN, PROVENANCE) if own is None):
                 if beside.is_file():
                     copy_file(beside, folder / beside.name)
-        for key, value in configuration.scenario.environment.items():
-            if key != MAP_KEY and isinstance(value, FileContent) and value.digest not in named:
+        for value in configuration.scenario.environment.values():
+            if value is not map_file and isinstance(value, FileContent) and value.digest not in named:
                 place = folder / Path(value.path).name
                 if place.is_file() and file_digest(place) != value.digest:
                     named[value.digest] = place.relative_to(directory).as_posix()
@@ -236,7 +234,7 @@ def _write_environments(
 
 
 def write_map(directory: Path, occupancy: OccupancyMap) -> None:
-    """Write `map.yaml` and `map.pgm` into `directory`; `load_map` gives the same map, digest included.
+    """Write `map.yaml` and `map.pgm` into `directory`; the same map is read from them, digest included.
 
     A map with cells between free and occupied is written in mode `raw`, others in mode `trinary`.
     """

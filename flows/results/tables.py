@@ -27,9 +27,10 @@ from vastflow.oracles.results.schema import (
 from vastflow.oracles.statistics.intervals import Counts
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
-from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.digest import Value
 from vastflow.sim.model.files import Missing, json_value, open_file
 from vastflow.sim.reading.checked import checked_digest
+from vastflow.sim.world.environment import ground_file
 from vastflow.tasks.engine.engine import RunFault
 
 LOGS_FILE: Final = "logs/runs.jsonl"
@@ -44,14 +45,14 @@ def configuration_row(configuration: Configuration) -> Row:
     content: dict[str, Value] = {part: getattr(scenario, part) for part in ("environment", "task", "system")}
     if scenario.programs is not None:
         content["programs"] = scenario.programs.content
-    map_file = scenario.environment.get("map_file")
+    ground = ground_file(scenario.environment)
     return {
         "name": configuration.name,
         "family": configuration.family,
         "scenario_digest": scenario.digest,
         "checked_digest": checked_digest(scenario),
         "duplicate_of": configuration.duplicate_of,
-        "environment": map_file.digest if isinstance(map_file, FileContent) else None,
+        "environment": None if ground is None else ground.digest,
         "abstract": scenario.abstract if isinstance(scenario.abstract, str) else json_text(scenario.abstract),
         "timeout_s": scenario.timeout_s,
         "scenario": json_text(content),

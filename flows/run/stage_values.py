@@ -19,7 +19,6 @@ from vastflow.oracles.statistics.intervals import Counts, counts_of
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.model.blocks import read_rows
-from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.engine.engine import RunFault
@@ -214,16 +213,15 @@ class Recordings(StageResult):
     def plot(self, name: str) -> "Plot":
         """Draw the path of each run of a configuration, on its map if it has one."""
         from vastflow.oracles.figures.maps import lines_plot
-        from vastflow.sim.reading.world import MAP_KEY
-        from vastflow.sim.world.map_file import read_map
+        from vastflow.sim.world.environment import world_of
 
         lines = [
             (f"run {each.run.run_index}: {each.run.outcome}", each.columns["x_mm"] / 1000, each.columns["y_mm"] / 1000)
             for each in self.of(name)
             if "x_mm" in each.columns
         ]
-        content = self.configurations[name].scenario.environment.get(MAP_KEY)
-        return lines_plot(lines, "x (m)", "y (m)", read_map(content) if isinstance(content, FileContent) else None)
+        world = world_of(self.configurations[name].scenario.environment)
+        return lines_plot(lines, "x (m)", "y (m)", None if world is None else world.ground)
 
     def table(self) -> pa.Table:
         """Return a row for each recorded run, as in `runs.parquet` but without causes."""

@@ -14,7 +14,7 @@ from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.world.readers.reader import bodies_of
+from vastflow.sim.world.world import read_world
 from vastflow.tasks.engine.bundle import Packer
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import open_store
@@ -166,5 +166,5 @@ def test_kept_inputs_have_world_with_its_included_files(small_room, tmp_path):
     directory = tmp_path / "results"
     directory.mkdir()
     inputs.write(directory)
-    assert set(inputs.maps) == {campaign.families[0].values["map_file"].digest}
-    assert bodies_of(KeptFiles(directory).content(given.digest))
+    assert set(inputs.worlds) == {campaign.families[0].values["map_file"].digest, given.digest}
+    assert read_world(KeptFiles(directory).content(given.digest)).bodies

@@ -23,7 +23,7 @@ from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.system.spelled_out import assumed_keys, spelled_out
 from vastflow.sim.system.keys import FILE_KEY
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 

@@ -129,7 +129,7 @@ def test_campaign_keeps_parameter_file_and_validate_reports_it(small_room, nav2,
     small_room.write_text(f"{small_room.read_text()}  nav2_params: nav2.yaml\n")
     found = inputs_of(*read_campaign(small_room))
     assert found.files["nav2.yaml"] == NAV2.encode()
-    assert (set(found.files), len(found.maps)) == ({"nav2.yaml", "room.yaml", "room.pgm"}, 1)
+    assert (set(found.files), len(found.worlds)) == ({"nav2.yaml", "room.yaml", "room.pgm"}, 1)
     result = called("validate", small_room)
     assert result.exit_code == 0
     assert f"{file}:12:14: velocity_smoother.mystery: 'mystery' is not modeled\n" in result.stdout
