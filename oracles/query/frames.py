@@ -27,8 +27,8 @@ from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns, Event, Recording
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.reading.world import world_of
 from vastflow.sim.system.system import system_of
+from vastflow.sim.world.environment import world_of
 from vastflow.sim.world.occupancy import OccupancyMap
 
 POSES: Final = ("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad")
@@ -260,9 +260,9 @@ def _grids(scenario: Scenario) -> Iterator[tuple[dict[str, Any], NDArray[np.uint
     """Yield the map, the world where it differs, and masks of costmap filters: place and cells of each."""
     world = world_of(scenario.environment)
     if world is None:
-        raise TypeError("the scenario of a robot has no map")
-    found = [("map", world.map, _cells_of(world.map))]
-    if world.difference:
+        raise TypeError("the scenario of a robot has no world")
+    found = [("map", world.ground, _cells_of(world.ground))]
+    if world.walls is not world.ground:
         found.append(("world", world.walls, _cells_of(world.walls)))
     zones = zones_of([scenario])
     for kind, masks in (("keepout", zones.keepout), ("speed", zones.speed)):

@@ -25,7 +25,7 @@ from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 
 WALK = [(1.0 + 0.05 * i, 2.0) for i in range(41)]
 TASK = {"start_pose": {"x": 1.0, "y": 2.0, "yaw": 0.5}, "goal_pose": {"x": 3.8, "y": 2.0}}

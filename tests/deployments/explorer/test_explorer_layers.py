@@ -20,7 +20,7 @@ from vastflow.oracles.replay.recorded import RecordedRun
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
 from vastflow.sim.replay import Box, replay
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 from vastflow.tasks.engine.executor import WorkerDied
 
 METADATA = {

@@ -20,7 +20,7 @@ from vastflow.deployments.explorer.serving import LOOPBACK, listen
 from vastflow.sim.model.recording import Event
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import run
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 
 pytestmark = [
     pytest.mark.slow,
