@@ -31,7 +31,7 @@ from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, json_tex
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 
 CELL_M: Final = 0.05
 WIDTH_M: Final = 20.0

@@ -39,7 +39,7 @@ from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import execute
 from vastflow.sim.scenario.definition import Field
 from vastflow.sim.scenario.tree.support import unsupported
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 
 DRIVEN_M: Final = 1.0
 """A robot that was given a goal and covered less did not drive."""

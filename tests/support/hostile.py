@@ -13,7 +13,7 @@ from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 
 PAGE = (Path(__file__).parents[2] / "docs" / "write-a-controller.md").read_text()
 CONTROLLER = dict(re.findall(r"^```\w+ (my_pursuit\.\w+)\n((?:.*\n)*?)^```$", PAGE, re.MULTILINE))

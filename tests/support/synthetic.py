@@ -20,7 +20,7 @@ from vastflow.sim.loop.standstill import STOOD_STILL
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Recording, Run
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.world import map_content
 
 RESOLUTION_M = 0.05
 
