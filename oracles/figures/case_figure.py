@@ -164,6 +164,8 @@ def _look_at(axes: Axes, low: Floats, high: Floats, shape: tuple[float, float], 
 def plan_view_figure(view: Case) -> Figure:
     """The map with everything of the scenario on it; an obstacle that appears has its outline and trigger dashed."""
     figure, axes = maps.map_figure(view.world.ground, legend_rows=2, top_in=_PLAN_TITLE_IN, zones=view.zones)
+    if view.world.walls is not view.world.ground:
+        maps.draw_walls(axes, view.world.walls)
     top = 1 - 0.12 / figure.get_figheight()
     figure.suptitle(view.title, x=0.02, ha="left", y=top, va="top", fontsize=10, color=INK)
     handles: list[Any] = []

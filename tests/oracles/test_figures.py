@@ -7,8 +7,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from PIL import Image
+from table import each_row
 
-from vastflow.oracles.figures.case_figure import Case, pair_figure, plan_view_figure
+from vastflow.oracles.figures.case_figure import Case, case_figure, pair_figure, plan_view_figure
 from vastflow.oracles.figures.charts import factor_figure
 from vastflow.oracles.figures.maps import map_figure, zone_handles
 from vastflow.oracles.observation.situation import Situation
@@ -20,6 +21,7 @@ from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.world.bodies import Body, Disc
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.world import World, map_content
@@ -150,6 +152,15 @@ def colors_at(figure, axes, *points):
 def plan_view(occupancy, zones):
     figure = plan_view_figure(Case("room", World(occupancy), Situation(None, (), ()), (), (), zones=zones))
     return figure, figure.axes[0]
+
+
+@each_row("draw", [plan_view_figure, case_figure])
+@each_row("known", [True, False])
+def test_figures_show_bodies_of_world(occupancy, draw, known):
+    world = World(occupancy if known else None, bodies=(Body("b", Disc(0.3), Pose(1.0, 1.0, 0.0)),))
+    figure = draw(Case("room", world, Situation(Pose(1.5, 1.5, 0.0), (), ()), (), ()))
+    on_body, beside = colors_at(figure, figure.axes[0], (1.0, 1.0), (1.6, 1.0))
+    assert sum(on_body) < sum(beside) - 150
 
 
 def test_zones_are_tinted_by_kind_and_value(occupancy):

@@ -1,6 +1,7 @@
 """Tracks of obstacles, observation of hand-built recordings on small maps, and blocks of these."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.model.shape import Box, Disc
 from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.world import world_content
 
 
 def poses(start=(1.0, 2.0), goal=(5.0, 2.0)):
@@ -336,3 +338,16 @@ def test_clearance_agrees_with_shapely(yaw_rad, x_m, y_m, shape):
 def test_clearance_follows_pushed_and_turned_obstacle():
     for t_s, clearance_m in ((0.5, math.inf), (1.0, 0.75), (2.0, 1.5 - 0.25 * math.sqrt(2))):
         assert clearances(APPEARS, *PUSHED, at=[(2.0, 0.0)], t_s=t_s) == pytest.approx([clearance_m])
+
+
+@each_row("kept", ["map and world", "world"])
+def test_run_is_observed_in_world_without_map(tmp_path, room, build, kept):
+    """A wall of posts at x = 3 m, around which the reference path leads."""
+    (tmp_path / "posts.csv").write_text("".join(f"3.0,{k / 5},0.15\n" for k in range(20)))
+    recording = build.a_recording([(1, 2), (2, 2), (2.5, 2)])
+    scenario = scenario_on(room if kept == "map and world" else None, poses(goal=(4.0, 2.0)))
+    world = {**scenario.environment, "world": world_content(tmp_path / "posts.csv")}
+    trace = observed(replace(scenario, environment=world), recording)
+    np.testing.assert_allclose(trace["wall_clearance_m"], [1.85, 0.85, 0.35], atol=0.03)
+    if kept == "world":
+        assert trace.reference.points_xy_m[:, 1].max() > 4.0

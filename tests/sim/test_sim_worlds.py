@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from outside import SHARED
 from scipy import ndimage
+from synthetic import walled_room, write_map
 from table import each_row
 
 from vastflow.sim.model.pose import Pose
@@ -14,13 +15,14 @@ from vastflow.sim.model.shape import Box, Disc, Polygon
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.run import run
 from vastflow.sim.world.bodies import Body, walls_of
+from vastflow.sim.world.environment import world_of
 from vastflow.sim.world.map_file import load_map
-from vastflow.sim.world.occupancy import FREE, OccupancyMap
+from vastflow.sim.world.occupancy import FREE, UNKNOWN, OccupancyMap
 from vastflow.sim.world.readers.circles import Circles
 from vastflow.sim.world.readers.conformance import check_world_reader
 from vastflow.sim.world.readers.reader import WorldError, files_of_world, read_file
 from vastflow.sim.world.readers.sdf import HIGHEST_M, LOWEST_M, Sdf
-from vastflow.sim.world.world import read_world, world_content
+from vastflow.sim.world.world import map_content, read_grid, read_world, world_content
 
 BOX = "<box><size>2 1 1</size></box>"
 EMPTY = OccupancyMap(np.full((80, 80), FREE, dtype=np.int8), 0.05, (-2.0, -2.0))
@@ -348,3 +350,38 @@ def test_maze_of_mrpb_has_walls_of_its_map():
     world = walls.occupied.reshape(rows, fold, columns, fold).any(axis=(1, 3))
     for a, b in ((occupancy.occupied, world), (world, occupancy.occupied)):
         assert a.any() and not (a & ~ndimage.binary_dilation(b, np.ones((3, 3)))).any()
+
+
+def test_world_without_map_has_grid_around_its_bodies(tmp_path):
+    (tmp_path / "c.csv").write_text("1.01,2.0,0.5\n4.0,2.0,0.5\n")
+    content = world_content(tmp_path / "c.csv")
+    world = read_world(content)
+    assert (world.map, world.digest, world.source, len(world.bodies)) == (None, content.digest, content, 2)
+    assert world.bounds_m == pytest.approx((-0.5, 0.5, 5.5, 3.5), abs=0.02)
+    assert world.walls.occupied.sum() * 0.025**2 == pytest.approx(2 * math.pi * 0.25, rel=0.02)
+    assert world.ground is world.walls and world.walls.occupied[world.walls.cell_of(1.01, 2.0)]
+    (tmp_path / "c.csv").write_text("0,0,0.5\n900,900,0.5\n")
+    with pytest.raises(WorldError, match=r"c\.csv: expected at most 64,000,000 cells .* got 1,3\d\d,\d{3},\d{3} cells"):
+        _ = read_world(world_content(tmp_path / "c.csv")).walls
+
+
+def test_map_of_another_grid_is_world_of_walls(tmp_path):
+    cells = walled_room(2.0, 2.0)
+    known = map_content(write_map(tmp_path / "known", cells))
+    cells[20, 20:30] = 100
+    file = write_map(tmp_path / "real", np.repeat(np.repeat(cells, 2, 0), 2, 1)[4:, :])
+    file.write_text(file.read_text().replace("0.05", "0.025").replace("[0.0, 0.0,", "[0.0, 0.1,"))
+    real = world_content(file)
+    world = world_of({"map_file": known, "world": real})
+    walls = world.walls
+    assert (world.map.digest, walls.shape, walls.origin_xy_m, world.source) == (
+        known.digest,
+        (80, 80),
+        (0.0, 0.0),
+        real,
+    )
+    assert (walls.cells[:4] == UNKNOWN).all() and np.array_equal(walls.cells[4:], read_grid(real).cells)
+    assert walls.occupied[walls.cell_of(1.01, 1.01)] and not walls.occupied[walls.cell_of(0.99, 1.01)]
+    assert len({world.digest, known.digest, real.digest}) == 3
+    alone = world_of({"world": real})
+    assert alone.map is None and alone.walls is read_grid(real)

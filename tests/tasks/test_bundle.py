@@ -18,7 +18,7 @@ from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.reading.abstract import abstract_content, definition_of
 from vastflow.sim.scenario.programs.folders import copy_in, files_matching
 from vastflow.sim.world.map_file import load_map
-from vastflow.sim.world.world import map_content
+from vastflow.sim.world.world import map_content, read_world, world_content
 from vastflow.tasks.engine.bundle import Packer
 from vastflow.tasks.store.store import StoreError, open_store
 
@@ -108,6 +108,23 @@ def test_scenario_keeps_its_digests_and_has_files_of_its_own(store, home, tmp_pa
     copy_in(after.programs.files, tmp_path / "run")
     assert os.access(tmp_path / "run" / "tools" / "drive.sh", os.X_OK)
     assert not (tmp_path / "run" / "tools" / "notes.txt").stat().st_mode & stat.S_IXUSR
+
+
+def test_world_is_sent_with_files_that_it_includes(store, tmp_path):
+    crate = (
+        "<model name='c'><link name='l'><collision name='c'><geometry><sphere><radius>1</radius></sphere></geometry>"
+    )
+    texts = {
+        "worlds/w.sdf": "<sdf version='1.6'><world name='w'><include><uri>model://crate</uri></include></world></sdf>",
+        "models/crate/model.sdf": f"<sdf version='1.6'>{crate}</collision></link></model></sdf>",
+    }
+    for name, text in texts.items():
+        (tmp_path / "there" / name).parent.mkdir(parents=True)
+        (tmp_path / "there" / name).write_text(text)
+    bundle = Packer(store).packed([world_content(tmp_path / "there" / "worlds" / "w.sdf")])
+    (tmp_path / "there").rename(tmp_path / "gone")
+    (content,) = bundle.opened(store)
+    assert len(read_world(content).bodies) == 1
 
 
 @pytest.mark.parametrize("place", ["judge.py", "../judge.py"])
