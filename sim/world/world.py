@@ -20,7 +20,7 @@ CACHED_MAPS: Final = 6
 """Kept worlds, and tables of maps: about 45 bytes a cell, 130 MB for a building of 85 m × 85 m."""
 CACHED_WORLDS: Final = 2
 """Kept tables of worlds that differ from their map, with up to four times its cells; each belongs to one configuration."""
-MARGIN_M: Final = 1.0
+MARGIN_M: Final = 2.0
 """Ground around the bodies of a world without a map."""
 MOST_CELLS: Final = 64_000_000
 """Maximum number of cells of a world without a map: 200 m × 200 m."""

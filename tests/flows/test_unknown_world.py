@@ -97,7 +97,7 @@ def test_mission_in_world_without_map_is_one_sentence_at_its_line(campaign, worl
 def test_start_beyond_world_without_map_is_rejected_with_its_bounds(campaign):
     more = "      - ParameterVariationList: {name: start_pose, values: [{x: 9.0, y: 0.0}]}\n"
     (rejected, *_) = instantiate(load_campaign(campaign("posts.csv", more))).rejections
-    assert "lies outside of the world, from (-4.3, -4.3) to (4.3, 4.3)" in rejected.reason
+    assert "lies outside of the world, from (-5.3, -5.3) to (5.3, 5.3)" in rejected.reason
 
 
 def test_units_of_worlds_without_map_are_worlds():

@@ -357,7 +357,7 @@ def test_world_without_map_has_grid_around_its_bodies(tmp_path):
     content = world_content(tmp_path / "c.csv")
     world = read_world(content)
     assert (world.map, world.digest, world.source, len(world.bodies)) == (None, content.digest, content, 2)
-    assert world.bounds_m == pytest.approx((-0.5, 0.5, 5.5, 3.5), abs=0.02)
+    assert world.bounds_m == pytest.approx((-1.5, -0.5, 6.5, 4.5), abs=0.02)
     assert world.walls.occupied.sum() * 0.025**2 == pytest.approx(2 * math.pi * 0.25, rel=0.02)
     assert world.ground is world.walls and world.walls.occupied[world.walls.cell_of(1.01, 2.0)]
     (tmp_path / "c.csv").write_text("0,0,0.5\n900,900,0.5\n")
