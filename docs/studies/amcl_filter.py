@@ -5,7 +5,7 @@ import functools
 import numpy as np
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.kernels.record import record_dtype, record_of
+from vastflow.sim.kernels.record import record, record_of
 from vastflow.sim.kernels.streams import streams_of
 from vastflow.sim.nav2.amcl import localization
 from vastflow.sim.nav2.amcl.particles import new_cloud, points_for
@@ -14,7 +14,7 @@ from vastflow.sim.nav2.navigator.state import MEMORY
 from vastflow.sim.nav2.parameters.amcl import AmclParameters
 
 PARAMETERS = np.dtype(
-    [("amcl", record_dtype(AmclParameters())), ("initial_covariance", np.float64, (4,))]
+    [("amcl", record(AmclParameters())[0]), ("initial_covariance", np.float64, (4,))]
     + [(name, np.float64) for name in ("resolution", "origin_x", "origin_y")]
     + [(name, np.float64) for name in ("range_min", "range_max", "mount_x", "mount_y")],
     align=True,

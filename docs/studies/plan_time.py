@@ -23,8 +23,8 @@ from vastflow.sim.kernels.binding import Bound
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.nav2.costmaps.outline import outline_of
+from vastflow.sim.nav2.navigator.kernels import with_kernels
 from vastflow.sim.nav2.navigator.prepared import prepare
-from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners.binding import compute_path, running
@@ -48,7 +48,7 @@ def planned(planner: Bound, given: PlannerInput) -> int:
 def plans_of(occupancy: OccupancyMap) -> dict[str, Plan]:
     """A function per planner that plans a path (N, 2) in meters, empty without a path."""
     nav2 = NavParameters()
-    costs = prepare(World(occupancy), Lidar(), nav2).costs
+    costs = prepare(World(occupancy), Lidar(), nav2).planning.costs
     resolution_m, origin_xy_m = occupancy.resolution_m, occupancy.origin_xy_m
     setting = PlannerSetting(costs, costs, nav2.global_costmap, resolution_m, origin_xy_m)
     place, outline = np.array([*origin_xy_m, resolution_m]), outline_of(nav2.global_costmap)

@@ -1,11 +1,20 @@
-"""Elementary functions of arrays: NumPy's last bits depend on the processor."""
+"""Arrays: room for them, and elementary functions of them, since NumPy's last bits depend on the processor."""
 
 import math
+from mmap import mmap
 from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from vastflow.sim.kernels.numeric import njit
+
+
+def zero_pages(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Return zeros that take memory, and time, where they are first written: a large map is seen in part by most runs."""
+    # NumPy's come from a heap that clears them again once a run has freed some as large.
+    nbytes = math.prod(shape) * np.dtype(dtype).itemsize
+    return np.frombuffer(mmap(-1, max(nbytes, 1)), dtype, math.prod(shape)).reshape(shape)
 
 
 @njit

@@ -15,7 +15,7 @@ from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.controllers import conformance
 from vastflow.sim.nav2.controllers.conformance import check_controller, check_time, sample_situations
 from vastflow.sim.nav2.controllers.controller import Controller
-from vastflow.sim.nav2.navigator.state import with_kernels
+from vastflow.sim.nav2.navigator.kernels import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, find_controller, short_names

@@ -13,7 +13,7 @@ from vastflow.sim.nav2.controllers.controller import Setting
 from vastflow.sim.nav2.controllers.speed_zones import limit_speed, speed_zones
 from vastflow.sim.nav2.costmaps.filters import keep_out_of_window, keepout_mask, on_map, with_keepout
 from vastflow.sim.nav2.costmaps.window import Window
-from vastflow.sim.nav2.navigator.state import with_kernels
+from vastflow.sim.nav2.navigator.kernels import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.costmaps import masks_of
 from vastflow.sim.nav2.parameter_files.document import parse

@@ -89,12 +89,13 @@ def test_static_layer_puts_the_map_s_walls_into_the_window(after_a_tick):
 
 def test_global_costs_join_walls_and_obstacle_in_a_copy(after_a_tick, prepared, two_rooms):
     unused = NavParameters(global_costmap=global_costmap().with_values(static_layer=StaticLayer(enabled=False)))
-    assert not prepare(World(load_map(two_rooms.path)), Lidar(), unused).costs.any()
-    before = [each.copy() for each in (prepared.costs, prepared.free_costs, prepared.static)]
+    assert not prepare(World(load_map(two_rooms.path)), Lidar(), unused).planning.costs.any()
+    shared = prepared.planning.costs, prepared.planning.free_costs, prepared.static
+    before = [each.copy() for each in shared]
     costs = after_a_tick(MARKED).grids.costs
-    np.testing.assert_array_equal(before, (prepared.costs, prepared.free_costs, prepared.static))
+    np.testing.assert_array_equal(before, shared)
     assert costs[48, 78] == 254  # the crate
-    assert prepared.costs[48, 78] < 253
+    assert prepared.planning.costs[48, 78] < 253
     assert costs[70, 83] == 254  # the wall beside the door
 
 

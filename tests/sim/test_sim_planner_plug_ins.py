@@ -11,12 +11,12 @@ from table import each_row
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.navigator.kernels import with_kernels
 from vastflow.sim.nav2.navigator.prepared import prepare
-from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameter_files.plug_ins import PLANNER_PLUG_INS, find_planner
-from vastflow.sim.nav2.planners.conformance import CHECKS, check_paths, check_planner
+from vastflow.sim.nav2.planners.conformance import CHECKS, check_inputs_are_kept, check_paths, check_planner
 from vastflow.sim.world.robot_model import Lidar, Robot
 from vastflow.sim.world.world import World
 
@@ -70,6 +70,15 @@ def test_parameter_file_with_wrong_planner_is_refused(folder, edit, message):
     edited.write_text((folder / "my_wavefront.yaml").read_text().replace(*edit.split("|")))
     with pytest.raises(FileError, match=re.escape(message)):
         nav2_file(edited)
+
+
+def test_planner_that_writes_to_what_it_prepared_fails_its_check(folder):
+    file = folder / "my_wavefront.py"
+    queue = "np.zeros(setting.costs.size, dtype=np.int64)"
+    text = file.read_text().replace(queue, "*setting.prepared")
+    file.write_text(f"{text}\n    def prepare(self, setting):\n        return ({queue},)\n")
+    with pytest.raises(AssertionError, match=r"Wavefront must not change what it is given"):
+        check_inputs_are_kept(find_planner("my_wavefront.py:Wavefront", folder)())
 
 
 def test_planner_through_walls_fails_its_check(folder):

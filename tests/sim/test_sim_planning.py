@@ -52,9 +52,11 @@ class Desk:
         obstacles = np.zeros((0, 7))
         stack = new_stack(prepared, parameters, Lidar(), Robot(), here, obstacles, streams_of([1]), 60.0)
         set_pose(stack, here)
-        self.stack = give(stack, mission)
-        self.m, self.grids, self.route = self.stack.m[0], self.stack.grids, self.stack.route
-        self.memory = self.stack.planner.memory
+        self.take(give(stack, mission))
+
+    def take(self, stack):
+        self.stack, self.m, self.grids, self.route = stack, stack.m[0], stack.grids, stack.route
+        self.memory = stack.planner.memory
 
     def cost(self, rows, columns, value):
         """Set a part of the costmap."""
@@ -123,6 +125,22 @@ def test_closed_door_is_left_and_reused_when_open():
         fresh = desk.fresh((1.0, 3.0), (7.0, 1.5))
         assert desk.path[:-1] == pytest.approx(fresh[: len(desk.path) - 1], abs=0.3)
     assert [1.0 < ways[0] < 2.0, 4.0 < ways[1] < 5.0, 1.0 < ways[2] < 2.0] == [True] * 3
+
+
+def test_next_mission_plans_on_costs_that_changed_during_the_one_before():
+    desk = Desk(two_doors(), (7.0, 1.5))
+    assert desk.plan(1.0, 3.0) == 0
+    desk.grids.costs[LOWER] = 254  # and what the mission before knows of it is gone with its memory
+    desk.take(give(desk.stack, Mission("navigate_to_pose", (Pose(7.0, 1.5, 0.0),))))
+    assert desk.plan(1.0, 3.0) == 0
+    assert 4.0 < at_the_wall(desk.path) < 5.0
+
+
+def test_missions_share_costs_of_the_map_and_none_that_they_change():
+    one = Desk(two_doors(), (7.0, 1.5)).stack
+    other = give(one, Mission("navigate_to_pose", (Pose(7.0, 4.5, 0.0),)))
+    assert one.planner.memory.least is other.planner.memory.least
+    assert not np.shares_memory(one.planner.memory.travel, other.planner.memory.travel)
 
 
 def test_path_much_longer_than_that_of_map_is_found():

@@ -16,7 +16,7 @@ from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_of
 from vastflow.sim.nav2.costmaps.inflation import inflate
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
-from vastflow.sim.nav2.navigator.state import with_kernels
+from vastflow.sim.nav2.navigator.kernels import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameters.costmap import global_costmap
 from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters

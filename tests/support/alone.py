@@ -10,7 +10,7 @@ from vastflow.sim.nav2.controllers.controller import ControllerInput, Setting
 from vastflow.sim.nav2.costmaps.inflation import inflate
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.nav2.costmaps.window import Window
-from vastflow.sim.nav2.navigator.state import with_kernels
+from vastflow.sim.nav2.navigator.kernels import with_kernels
 from vastflow.sim.world.motion import arc
 
 CELLS, RESOLUTION_M = 60, 0.05

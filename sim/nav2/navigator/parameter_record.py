@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.record import record_dtype, record_row
+from vastflow.sim.kernels.record import record
 from vastflow.sim.model.elementary import hypot
 from vastflow.sim.model.polygon import MOST_VERTICES, circumscribed_radius_m
 from vastflow.sim.model.rates import ticks_of
@@ -65,9 +65,10 @@ def parameter_record(
     }
     q = parameters.perturbation
     in_grid = frame.covariance_to_grid(q.initial_pose_covariance_xx, q.initial_pose_covariance_yy)
+    types, rows = zip(*map(record, groups.values()), strict=True)
     dtype = np.dtype(
         [
-            *((name, record_dtype(value)) for name, value in groups.items()),
+            *zip(groups, types, strict=True),
             *((name, np.float64) for name in extra),
             ("initial_covariance", np.float64, (4,)),
             ("zones", np.float64, (MOST_ZONES, len(ZONE))),
@@ -76,5 +77,5 @@ def parameter_record(
         align=True,
     )
     covariance = *in_grid, q.initial_pose_covariance_yaw
-    row = (*map(record_row, groups.values()), *map(float, extra.values()), covariance, zone_values, zone_points)
+    row = (*rows, *map(float, extra.values()), covariance, zone_values, zone_points)
     return np.array([row], dtype=dtype)

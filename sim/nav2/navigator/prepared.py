@@ -16,8 +16,11 @@ from vastflow.sim.nav2.costmaps.costmap import denoised
 from vastflow.sim.nav2.costmaps.filters import NOTHING, Mask, keepout_mask, on_map, with_keepout
 from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, UNKNOWN, cost_stamp, inflation_of, with_unknown
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
+from vastflow.sim.nav2.navigator.kernels import with_kernels
 from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.nav2.planners.binding import prepared as planner_prepared
+from vastflow.sim.nav2.planners.planner import Planner, PlannerSetting
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import WallIndex
 from vastflow.sim.world.robot_model import Lidar
@@ -37,10 +40,10 @@ class PreparedMap:
         skips: What the lidar casts against: the world's walls.
         cubed: AMCL's likelihood field.
         static: (H, W) uint8 of 0, 254, 255: the static layer.
-        static_costs: (H, W) uint8 inflation of its lethal cells; `costs` is that with its unknown cells.
+        static_costs: (H, W) uint8 inflation of its lethal cells; the costs are that with its unknown cells.
         stamp, local_stamp: Inflation round one cell of the global and of the local costmap.
-        free_costs: `costs` with unknown cells taken for free.
-        keepout: (H, W) uint8, the keepout mask on the global costmap, which is in `costs`; (0, 0) without that filter.
+        keepout: (H, W) uint8, the keepout mask on the global costmap, which is in its costs; (0, 0) without that filter.
+        planning: The planner's setting on this map, with the costs.
         local_keepout: The keepout mask for the local costmap.
         speed_mask: That of the speed filter.
     """
@@ -53,9 +56,8 @@ class PreparedMap:
     static: Cells
     static_costs: Cells
     stamp: Cells
-    costs: Cells
-    free_costs: Cells
     keepout: Cells
+    planning: PlannerSetting
     local_stamp: Cells
     local_keepout: Mask
     speed_mask: OccupancyMap | None
@@ -79,9 +81,12 @@ def prepare(
     range_max_m = usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1]
     cubed = _likelihood(occupancy, range_max_m, q.z_hit, q.z_rand, q.sigma_hit, q.laser_likelihood_max_dist)
     local, everywhere = parameters.local_costmap, parameters.global_costmap
-    costs = _costs(occupancy, everywhere, keepout if everywhere.keepout_filter.enabled else None)
+    mask = keepout if everywhere.keepout_filter.enabled else None
+    tables = _costs(occupancy, everywhere, mask)[:4]
+    planning = _planning(occupancy, everywhere, mask, with_kernels(parameters.planner))
     local_keepout = keepout_mask(keepout if local.keepout_filter.enabled else None, occupancy)
-    return PreparedMap(occupancy, *geometry, cubed, *costs, _stamp(local, local.resolution), local_keepout, speed)
+    local_stamp = _stamp(local, local.resolution)
+    return PreparedMap(occupancy, *geometry, cubed, *tables, planning, local_stamp, local_keepout, speed)
 
 
 @functools.lru_cache(maxsize=CACHED_MAPS)
@@ -124,7 +129,14 @@ def _costs(
     if keepout.size and costmap.keepout_filter.override_lethal_cost:
         least = np.uint8(costmap.keepout_filter.lethal_override_cost)
         free_costs = np.where(keepout == NOTHING, free_costs, np.minimum(free_costs, least))
-    return static, static_costs, stamp, costs, free_costs, keepout
+    return static, static_costs, stamp, keepout, costs, free_costs
+
+
+@functools.lru_cache(maxsize=CACHED_MAPS)
+def _planning(occupancy: OccupancyMap, costmap: Costmap, mask: OccupancyMap | None, planner: Planner) -> PlannerSetting:
+    costs = _costs(occupancy, costmap, mask)[4:]
+    setting = PlannerSetting(*costs, costmap, occupancy.resolution_m, occupancy.origin_xy_m)
+    return planner_prepared(planner, setting)
 
 
 def _stamp(costmap: Costmap, resolution_m: float) -> NDArray[np.uint8]:

@@ -1,17 +1,16 @@
 """The navigation stack's whole state: preallocated arrays and two records, owned by one run."""
 
-import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.arrays import zero_pages
 from vastflow.sim.kernels.binding import Bound, Running
 from vastflow.sim.kernels.streams import CONTROLLER, LIDAR, SUBSYSTEMS
 from vastflow.sim.model.elementary import cos_sin
-from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.model.polygon import MOST_VERTICES, circumscribed_radius_m
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S, ticks_of
@@ -19,14 +18,12 @@ from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.amcl.particles import Cloud, new_cloud
 from vastflow.sim.nav2.controllers.binding import RunningController, running
 from vastflow.sim.nav2.controllers.controller import Controller, Setting
-from vastflow.sim.nav2.controllers.dwb import Dwb
-from vastflow.sim.nav2.controllers.mppi import Mppi
-from vastflow.sim.nav2.controllers.rpp import Rpp
 from vastflow.sim.nav2.controllers.speed_zones import SpeedZones, speed_zones
 from vastflow.sim.nav2.costmaps.filters import Mask
 from vastflow.sim.nav2.costmaps.inflation import LETHAL, cost_at_distance
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.navigator.kernels import with_kernels
 from vastflow.sim.nav2.navigator.parameter_record import parameter_record
 from vastflow.sim.nav2.navigator.prepared import PreparedMap
 from vastflow.sim.nav2.navigator.profile import STAGES
@@ -34,11 +31,7 @@ from vastflow.sim.nav2.parameters.costmap import NEVER_HZ, Costmap, SpeedFilter
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners.binding import RunningPlanner
 from vastflow.sim.nav2.planners.binding import running as running_planner
-from vastflow.sim.nav2.planners.navfn_planner import NavFnPlanner
 from vastflow.sim.nav2.planners.planner import PlannerSetting
-from vastflow.sim.nav2.planners.smac_2d import Smac2D
-from vastflow.sim.nav2.planners.smac_hybrid import SmacHybrid
-from vastflow.sim.world.gaussian_dropout import GaussianDropout
 from vastflow.sim.world.lidar import running_noise
 from vastflow.sim.world.noise import LidarNoise
 from vastflow.sim.world.robot_model import MOST_BEAMS, Lidar, Robot
@@ -221,7 +214,8 @@ class Stack:
     Attributes:
         p, m: (1,) records of parameters and `MEMORY`.
         controller: The controller in use.
-        planner: That of the mission, which was prepared for `planner_setting`.
+        planner: That of the mission.
+        planning: The setting for which the planner was prepared.
         noise: The lidar's.
         robot: The body and actuators that it drives.
         obstacles: (K, 6) as in `vastflow.sim.world.lidar.scan`.
@@ -236,7 +230,7 @@ class Stack:
     route: Route
     controller: RunningController
     planner: RunningPlanner
-    planner_setting: PlannerSetting
+    planning: PlannerSetting
     noise: Running[LidarNoise]
     robot: Robot
     obstacles: NDArray[np.float64]
@@ -271,11 +265,7 @@ def new_stack(
     setting = _setting(parameters, local.window, streams[CONTROLLER].copy())
     controller: Controller = with_kernels(parameters.controller)
     in_use = running(controller, setting)
-    occupancy, costs = prepared.occupancy, prepared.costs.copy()
-    planner_setting = PlannerSetting(
-        costs, prepared.free_costs, parameters.global_costmap, occupancy.resolution_m, occupancy.origin_xy_m
-    )
-    planner = running_planner(with_kernels(parameters.planner), planner_setting)
+    planner = running_planner(with_kernels(parameters.planner), prepared.planning)
     costmaps = parameters.global_costmap, parameters.local_costmap
     speed_filter = next((each.speed_filter for each in costmaps if each.speed_filter.enabled), SpeedFilter())
     return Stack(
@@ -285,10 +275,10 @@ def new_stack(
         m=memory,
         grids=Grids(
             *(prepared.skips, prepared.cubed, prepared.static, prepared.static_costs, prepared.stamp),
-            layer=np.zeros(shape, dtype=np.uint8),
+            layer=zero_pages(shape, np.uint8),
             quiet=np.zeros(denoised_shape, dtype=np.uint8),
             lethal=np.zeros(denoised_shape, dtype=np.uint8),
-            costs=costs,
+            costs=prepared.planning.costs.copy(),
             keepout=prepared.keepout,
             zones=speed_zones(prepared.speed_mask, prepared.occupancy, speed_filter, in_use),
         ),
@@ -297,7 +287,7 @@ def new_stack(
         route=_route(shape, (), 0, planner.bound),
         controller=in_use,
         planner=planner,
-        planner_setting=planner_setting,
+        planning=prepared.planning,
         noise=running_noise(with_kernels(parameters.lidar_noise), streams[LIDAR].copy(), lidar.beams),
         robot=robot,
         obstacles=obstacles,
@@ -328,17 +318,20 @@ def give(stack: Stack, mission: Mission) -> Stack:
     m["state"], m["status"], m["error_code"] = STARTING, RUNNING, 0
     m["goal"], m["loop"], m["path_n"] = 0, 0, 0
     legs = len(mission.goals) if mission.kind == "navigate_through_poses" else 1
-    setting, planner = replace(stack.planner_setting, legs=legs), stack.planner
-    if stack.route.goals.size or legs != stack.planner_setting.legs:  # else no mission has used the memory yet
-        planner = running_planner(planner.plug_in, setting)
-    return replace(stack, planner=planner, route=_route(setting.costs.shape, mission.goals, legs, planner.bound))
+    planner, (rows, columns) = stack.planner, stack.grids.costs.shape
+    if stack.route.goals.size:  # The memory before has seen changes that `changed` no longer tells of.
+        m["changed_row0"], m["changed_row1"], m["changed_column0"], m["changed_column1"] = 0, rows, 0, columns
+    if stack.route.goals.size or legs != stack.planning.legs:  # else no mission has used the memory yet
+        planner = running_planner(planner.plug_in, replace(stack.planning, legs=legs))
+    return replace(stack, planner=planner, route=_route((rows, columns), mission.goals, legs, planner.bound))
 
 
 def _route(shape: tuple[int, ...], goals: Sequence[Pose], legs: int, planner: Bound) -> Route:
     """Room for the goals and for a path of so many legs on a map of this shape."""
     points = (LEG_LENGTHS * max(shape) + 1) * legs
     poses = np.array([[goal.x_m, goal.y_m, goal.yaw_rad] for goal in goals]).reshape(-1, 3)
-    return Route(poses, np.zeros((points, 3)), np.zeros((points, 3)), np.zeros((AHEAD_POINTS, 3)), planner)
+    path, draft = zero_pages((points, 3), np.float64), zero_pages((points, 3), np.float64)
+    return Route(poses, path, draft, np.zeros((AHEAD_POINTS, 3)), planner)
 
 
 def _local(q: Costmap, stamp: NDArray[np.uint8], keepout: Mask) -> Local:
@@ -359,16 +352,3 @@ def _setting(parameters: NavParameters, window: Window, stream: NDArray[np.uint6
     period_s = ticks_of(parameters.controller_server.controller_frequency) * TICK_S
     rows, columns = window.costs.shape
     return Setting(rows, columns, costmap.resolution, *tolerances, stream, period_s, cost)
-
-
-_KERNELS: Final[Mapping[type[ParameterGroup], Any]] = {
-    kind.__bases__[0]: kind for kind in (Dwb, GaussianDropout, Mppi, NavFnPlanner, Rpp, Smac2D, SmacHybrid)
-}
-"""Parameters that stand apart to the plug-ins with the kernels."""
-
-
-@functools.lru_cache(maxsize=64)
-def with_kernels(parameters: ParameterGroup) -> Any:
-    """Return the plug-in with these parameters; one of its author's own is both."""
-    kind = _KERNELS.get(type(parameters))
-    return parameters if kind is None else kind(**dict(parameters))

@@ -1,5 +1,6 @@
 """The seam between the loop and a planner."""
 
+from dataclasses import replace
 from typing import Any, Final, TypeAlias
 
 import numba
@@ -32,6 +33,11 @@ _SEAM: Final = Seam(
     "the number of poses, or minus an error code",
     compute_path=_path_entry,
 )
+
+
+def prepared(planner: Planner, setting: PlannerSetting) -> PlannerSetting:
+    """Return the setting with what the planner prepares for it."""
+    return replace(setting, prepared=planner.prepare(setting))
 
 
 def running(planner: Planner, setting: PlannerSetting) -> RunningPlanner:

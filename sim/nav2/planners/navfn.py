@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.arrays import zero_pages
 from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, UNKNOWN
 
@@ -38,7 +39,7 @@ def new_scratch(shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.u
 
     The extent, rows and columns from and to, spares the clearing of a large map at every flood.
     """
-    return np.zeros((3, BUFFER_CELLS), dtype=np.int64), np.zeros(shape, dtype=np.uint8), np.zeros(4, dtype=np.int64)
+    return np.zeros((3, BUFFER_CELLS), dtype=np.int64), zero_pages(shape, np.uint8), np.zeros(4, dtype=np.int64)
 
 
 @njit

@@ -10,7 +10,9 @@ import math
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from vastflow.sim.kernels.arrays import zero_pages
 from vastflow.sim.kernels.numeric import addressed, inner
 from vastflow.sim.nav2.parameters.servers import NavFn
 from vastflow.sim.nav2.planners import navfn
@@ -73,6 +75,13 @@ class NavFnMemory(NamedTuple):
     to_goal: Any
     bounds: Any  # (L,) records of `BOUND`.
     floods: Any  # (1,) int64, floods so far.
+
+
+class NavFnTables(NamedTuple):
+    """NavFn's costs of a map; see `NavFnMemory`."""
+
+    travel: NDArray[np.uint8]
+    least: NDArray[np.uint8]
 
 
 @addressed
@@ -273,18 +282,22 @@ class NavFnPlanner(NavFn, Planner):
     compute_path = compute_path
     overlaps = False
 
+    def prepare(self, setting: PlannerSetting) -> NavFnTables:
+        """Compute the map's travel costs."""
+        return NavFnTables(travel_costs(setting.costs, self.allow_unknown), travel_costs(setting.free_costs))
+
     def memory(self, setting: PlannerSetting) -> NavFnMemory:
         """Each leg of a mission has bounds of its own."""
         shape = setting.costs.shape
         bounds = np.zeros(setting.legs, dtype=BOUND)
         bounds["goal_column"] = -1
         return NavFnMemory(
-            travel=travel_costs(setting.costs, self.allow_unknown),
-            least=travel_costs(setting.free_costs),
+            travel=setting.prepared.travel.copy(),
+            least=setting.prepared.least,
             potential=new_potential(shape),
             scratch=new_scratch(shape),
             leg=np.zeros((LEG_LENGTHS * max(shape), 2)),
-            to_goal=np.zeros((setting.legs, *shape), dtype=np.float32),  # takes up memory where it is written only
+            to_goal=zero_pages((setting.legs, *shape), np.float32),
             bounds=bounds,
             floods=np.zeros(1, dtype=np.int64),
         )

@@ -44,10 +44,11 @@ class PlannerSetting:
     """The settings that a planner can prepare its memory for.
 
     Attributes:
-        costs: (H, W) uint8 global costmap, as it is when the memory is made; `PlannerInput.changed` counts from then.
-        free_costs: The same with nothing marked, and unknown cells taken for free: no cell will ever cost less.
+        costs: (H, W) uint8 global costmap with nothing marked; `PlannerInput.changed` counts from it.
+        free_costs: The same with unknown cells taken for free: no cell will ever cost less.
         costmap: Parameters of the global costmap.
         legs: Greatest number of legs of a path.
+        prepared: What the planner's `prepare` returned.
     """
 
     costs: NDArray[np.uint8]
@@ -56,6 +57,7 @@ class PlannerSetting:
     resolution_m: float
     origin_xy_m: tuple[float, float]
     legs: int = 1
+    prepared: Any = ()
 
 
 class Planner(ParameterGroup):
@@ -69,6 +71,10 @@ class Planner(ParameterGroup):
 
     compute_path: ClassVar[Callable[..., Any]]
     overlaps: ClassVar[bool] = True
+
+    def prepare(self, setting: PlannerSetting) -> Any:
+        """Return what missions on one map share: computed once, found in `setting.prepared`, and never written to."""
+        return ()
 
     def memory(self, setting: PlannerSetting) -> Any:
         """Return state and working space for a mission: a NamedTuple of arrays; the kernel changes them in place."""
