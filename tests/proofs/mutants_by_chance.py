@@ -29,7 +29,7 @@ from vastflow.oracles.statistics.intervals import wilson_intervals
 PLACES: Final = {"sim": "sim", "producers": "producers", "oracles/statistics": "oracles", "tasks/keys": "tasks"}
 """Folders that mutants are drawn in, to the folder of their tests."""
 KERNEL: Final = {"njit", "inner", "addressed", "kernel"}
-TIMEOUT_S: Final = 240
+TIMEOUT_S: Final = 600
 """Of one test. A mutant that never ends counts as found: nobody would overlook it."""
 
 COMPARED: Final[dict[type[ast.cmpop], str]] = {
@@ -169,6 +169,7 @@ def run_tests(checkout: Path, tests: Sequence[str], home: Path) -> tuple[str, st
         "no:cacheprovider",
         "--tb=line",
         f"--timeout={TIMEOUT_S}",
+        "--timeout-method=thread",  # a kernel that never ends takes no signals
         *tests,
     ]
     before_s = sum(os.times()[2:4])
