@@ -147,6 +147,30 @@ def test_included_model_stands_at_pose_of_include(tmp_path, sdf):
     assert [file.name for file in files_of_world(tmp_path / "w.sdf")] == ["w.sdf", "model.sdf"]
 
 
+def test_sun_and_ground_plane_of_gazebo_need_no_file(tmp_path, sdf):
+    uris = ("model://sun", "model://ground_plane", "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Ground Plane/")
+    bodies = sdf("".join(f"<include><uri>{uri}</uri></include>" for uri in uris) + model(link(collision())))
+    assert ([body.name for body in bodies], files_of_world(tmp_path / "w.sdf")) == (["m::l::c"], [tmp_path / "w.sdf"])
+
+
+def test_saved_state_moves_models_of_world_and_includes(tmp_path, sdf):
+    (tmp_path / "crate.sdf").write_text(
+        f"<sdf version='1.6'>{model(link(collision()), pose('9 9 0 0 0 0'), 'crate')}</sdf>"
+    )
+    moved = "".join(
+        f"<model name='{name}'>{pose(f'{x} 2 0 0 0 1')}<scale>1 1 1</scale></model>"
+        for name, x in (("m", 3), ("crate", 5), ("gone", 7))
+    )
+    world = model(link(collision()), pose("1 0 0 0 0 0")) + "<include><uri>crate.sdf</uri></include>"
+    places = [(body.pose.x_m, body.pose.y_m, body.pose.yaw_rad) for body in sdf(world)]
+    assert places == [(1.0, 0.0, 0.0), (9.0, 9.0, 0.0)]
+    places = [
+        (body.pose.x_m, body.pose.y_m, body.pose.yaw_rad)
+        for body in sdf(f"{world}<state world_name='w'>{moved}</state>")
+    ]
+    assert places == [(3.0, 2.0, 1.0), (5.0, 2.0, 1.0)]
+
+
 def test_included_file_lies_at_most_one_folder_above_world(tmp_path):
     inner = f"<sdf version='1.6'>{model(link(collision()))}</sdf>"
     for folder in ("outside", "package/worlds", "package/models"):
@@ -183,6 +207,10 @@ REFUSED = {
     "crossed": (
         model(link(collision("<polyline><height>1</height>" + "".join(f"<point>{p}</point>" for p in ("0 0", "1 1", "1 0", "0 1")) + "</polyline>"))),
         "that does not cross itself",
+    ),
+    "scaled": (
+        model(link(collision())) + "<state world_name='w'><model name='m'><scale>2 1 1</scale></model></state>",
+        "m: expected a scale of 1 1 1 in <state>, got '2 1 1'",
     ),
     "nothing there": (model(link("")), "has no body that a robot could meet"),
     "missing include": ("<include><uri>model://gone</uri></include>", "There is no file 'gone'"),

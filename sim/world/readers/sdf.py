@@ -5,9 +5,10 @@ Read by http://sdformat.org/spec: models in models, links, collisions, each with
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import ClassVar, Final
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
@@ -31,6 +32,8 @@ MOST_DEPTH: Final = 8
 MOST_INCLUDES: Final = 10_000
 """Maximum number of includes, as files that include each other often take forever."""
 MOST_FILE_BYTES: Final = 64 * 2**20
+NOTHING_STANDS: Final = {"sun", "ground_plane", "ground plane"}
+"""Models of Gazebo's collections that nearly each world includes: a light, and a level floor."""
 _UPRIGHT: Final = 1e-6
 
 Transform = NDArray[np.float64]
@@ -57,7 +60,8 @@ class Sdf:
         found, tree = [path], _Tree(path.parent)
         for each in found:  # grows
             file = _File(each, tree)
-            included = (_included(file, include, "include").path for include in _root(file).iter("include"))
+            standing = filter(_stands, _root(file).iter("include"))
+            included = (_included(file, include, "include").path for include in standing)
             found += [one for one in dict.fromkeys(included) if one not in found]
         return found
 
@@ -117,34 +121,60 @@ def _root(file: _File) -> Element:
 def _of_file(file: _File, to_world: Transform, name: str, depth: int) -> Iterator[Body]:
     root = _root(file)
     for parent in (*root.findall("world"), root):
-        yield from _models(file, parent, to_world, name, depth, is_included=bool(depth))
+        moved = {} if depth else dict(_moved_models(file, parent))
+        yield from _models(file, parent, to_world, name, depth, moved, is_included=bool(depth))
+
+
+def _moved_models(file: _File, world: Element) -> Iterator[tuple[str, Transform]]:
+    """Yield names and poses of models that a saved world's first `<state>` moves, as Gazebo does when it loads one."""
+    state = world.find("state")
+    for model in () if state is None else state.findall("model"):
+        name = model.get("name") or ""
+        if _numbers(file, model.findtext("scale", "1 1 1"), 3, f"{name}: scale in <state>") != [1.0, 1.0, 1.0]:
+            raise file.error(f"{name}: expected a scale of 1 1 1 in <state>, got {model.findtext('scale')!r}")
+        if model.find("pose") is not None:
+            yield name, _pose(file, model, name)
 
 
 def _models(
-    file: _File, parent: Element, to_world: Transform, above: str, depth: int, is_included: bool = False
+    file: _File,
+    parent: Element,
+    to_world: Transform,
+    above: str,
+    depth: int,
+    moved: Mapping[str, Transform] = MappingProxyType({}),
+    is_included: bool = False,
 ) -> Iterator[Body]:
     if depth > MOST_DEPTH:
         raise file.error(f"expected {MOST_DEPTH} files and models in one another at most, got more")
     for model in parent.findall("model"):
         name = above if is_included and above else _joined(above, model)
-        own = _placed(file, model, to_world, name)
+        own = _product(to_world, moved[name]) if name in moved else _placed(file, model, to_world, name)
         for link in model.findall("link"):
             linked = _placed(file, link, own, name)
             for collision in link.findall("collision"):
                 place = _joined(_joined(name, link), collision)
                 yield from _bodies(file, collision, _placed(file, collision, linked, place), place)
         yield from _models(file, model, own, name, depth + 1)
-    for include in parent.findall("include"):
+    for include in filter(_stands, parent.findall("include")):
         name = _joined(above, include, include.findtext("name") or include.findtext("uri") or "include")
         included = _included(file, include, name)
         file.tree.includes += 1
         if file.tree.includes > MOST_INCLUDES:
             raise file.error(f"expected {MOST_INCLUDES:,} includes at most, got more")
         # The pose of an include takes the place of the model's own.
-        own_pose = _pose(file, include, name)
-        if include.find("pose") is not None:
-            own_pose = _product(own_pose, _inverse(_first_pose(included, name)))
-        yield from _of_file(included, _product(to_world, own_pose), name, depth + 1)
+        model = _first_model(included)
+        own_pose = moved.get(include.findtext("name") or model.get("name") or "")
+        if own_pose is None and include.find("pose") is not None:
+            own_pose = _pose(file, include, name)
+        to_model = to_world if own_pose is None else _product(to_world, own_pose)
+        if own_pose is not None:
+            to_model = _product(to_model, _inverse(_pose(included, model, name)))
+        yield from _of_file(included, to_model, name, depth + 1)
+
+
+def _stands(include: Element) -> bool:
+    return (include.findtext("uri") or "").strip().rstrip("/").rpartition("/")[2].lower() not in NOTHING_STANDS
 
 
 def _joined(above: str, element: Element, name: str = "") -> str:
@@ -166,10 +196,10 @@ def _included(file: _File, include: Element, name: str) -> _File:
     raise file.error(f"{name}: There is no file {inner!r} beside the world, nor in a folder 'models' there or above.")
 
 
-def _first_pose(file: _File, name: str) -> Transform:
+def _first_model(file: _File) -> Element:
     root = _root(file)
-    model = next((found for parent in (root, *root.findall("world")) for found in parent.findall("model")), None)
-    return np.eye(4) if model is None else _pose(file, model, name)
+    found = (model for parent in (root, *root.findall("world")) for model in parent.findall("model"))
+    return next(found, Element("model"))
 
 
 def _product(a: Transform, b: Transform) -> Transform:
