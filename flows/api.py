@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from vastflow.flows.request.run_request import RunRequest, option_parameters, request_of
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.computing import Computing
-from vastflow.flows.run.event_log import EventLog, logged
-from vastflow.flows.run.judged import Judged, begin, look, through
+from vastflow.flows.run.event_log import EventLog, open_log
+from vastflow.flows.run.judged import Judged, begin, read_store, run_batches
 from vastflow.flows.run.prepared import PreparedCampaign, open_run
-from vastflow.flows.run.reporting import current, reported
+from vastflow.flows.run.reporting import find_current, write_campaign
 from vastflow.flows.terminal.progress import LoggedNotices, notebook_display
 from vastflow.tasks.engine.progress import Observer
 from vastflow.tasks.prefect.server import may_be_configured
@@ -48,16 +48,16 @@ def run_campaign(
         ValueError, TypeError: an option is out of its bounds, or there is none of that name.
     """
     with open_run(request_of(campaign, options), observer or notebook_display() or LoggedNotices()) as (run, computing):
-        if (results := current(run, computing)) is not None:
+        if (results := find_current(run, computing)) is not None:
             return _cached(run, results)
-        with logged(run, computing) as log:
+        with open_log(run, computing) as log:
             judged = None
             with suppress(Lost):  # a damaged artifact is found when it is read; then there is something to compute
                 computing.tally.begin("scanning")
                 run.store.refresh()
-                judged = through(run, computing, look(run, computing))
+                judged = run_batches(run, computing, read_store(run, computing))
                 if judged is not None and not judged.incomplete(computing.engine):
-                    return _cached(run, reported(run, computing, judged, log))
+                    return _cached(run, write_campaign(run, computing, judged, log))
             return _computed(run, computing, judged, log)
 
 

@@ -22,11 +22,11 @@ from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.batch_flow import compute_batch
 from vastflow.flows.run.computing import Computing
-from vastflow.flows.run.event_log import EventLog, logged
-from vastflow.flows.run.judged import Judged, computed, look, scanned, through
+from vastflow.flows.run.event_log import EventLog, open_log
+from vastflow.flows.run.judged import Judged, compute_missing, read_store, run_batches, scan_store
 from vastflow.flows.run.pages import Page, outcome_text, publish
 from vastflow.flows.run.prepared import PreparedCampaign, open_run
-from vastflow.flows.run.reporting import reported
+from vastflow.flows.run.reporting import write_campaign
 from vastflow.flows.run.task_runs import TaskRuns, compute_round, instantiate, suspendable, task_runs_of
 from vastflow.tasks.engine.executor import PoolClosed
 from vastflow.tasks.engine.index import FoundRuns
@@ -60,8 +60,8 @@ def campaign(request: RunRequest) -> State[Any]:
         StoreError: the store can't be used.
         ClusterError: the Dask cluster that was asked can't compute it.
     """
-    with open_run(request) as (run, computing), logged(run, computing) as log:
-        return _ended(run, computing, None, log, flow_run.name == _stem(request))
+    with open_run(request) as (run, computing), open_log(run, computing) as log:
+        return _finish_flow_run(run, computing, None, log, flow_run.name == _stem(request))
 
 
 def flow_of(
@@ -75,12 +75,12 @@ def flow_of(
 
     @flow(name=FLOW, flow_run_name=computing.title, persist_result=False)
     def campaign(request: RunRequest) -> State[Any]:
-        return _ended(run, computing, judged, log, True, deliver)
+        return _finish_flow_run(run, computing, judged, log, True, deliver)
 
     return campaign
 
 
-def _ended(
+def _finish_flow_run(
     run: PreparedCampaign,
     computing: Computing,
     judged: Judged | None,
@@ -113,8 +113,8 @@ def _results(
         if judged is None:
             computing.tally.begin("instantiating")
             note = partial(run.due.evaluate, run.store)
-            judged = scanned(run, computing, instantiate(task_runs, run.instantiator, note))
-        return computed(judged, computing, partial(_compute, run, judged, task_runs))
+            judged = scan_store(run, computing, instantiate(task_runs, run.instantiator, note))
+        return compute_missing(judged, computing, partial(_compute, run, judged, task_runs))
 
     def completed(judged: Judged | None) -> Judged:
         if run.search is None:
@@ -126,10 +126,10 @@ def _results(
     for attempt in computing.engine.attempts():
         # A damaged artifact is found when it is read, and computed again by the next attempt.
         with suppress(Lost):
-            known = look(run, computing) if attempt or judged is None else judged
-            found = through(run, computing, known, completed)
+            known = read_store(run, computing) if attempt or judged is None else judged
+            found = run_batches(run, computing, known, completed)
             assert found is not None
-            return reported(run, computing, found, log)
+            return write_campaign(run, computing, found, log)
     raise AssertionError("attempts end with an error")
 
 

@@ -18,7 +18,7 @@ from vastflow.flows.plan.plan import plan_view_of
 from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys
 from vastflow.flows.request.stopping import Stopping
 from vastflow.flows.results.trust import executing
-from vastflow.flows.run.computing import Computing, computing, told
+from vastflow.flows.run.computing import Computing, open_computing, show_progress
 from vastflow.flows.run.search_progress import PointRuns
 from vastflow.flows.run.task_runs import compute
 from vastflow.oracles.figures.case_figure import plan_view_figure
@@ -231,8 +231,10 @@ def minimize_configuration(
         test = FailureTest(rule, placed(failing.oracle, failing.places))
         runs = PointRuns(test, test.most, CONFIRMING_RUNS)
         with (
-            told(observer) as tally,
-            computing(opened, keys, before.oracles, tally, stage="minimize", workers=workers, stopping=runs) as run,
+            show_progress(observer) as tally,
+            open_computing(
+                opened, keys, before.oracles, tally, stage="minimize", workers=workers, stopping=runs
+            ) as run,
         ):
             found, trials = _answered(run, failing, before, test, runs)
             executed = run.tally.progress().executed

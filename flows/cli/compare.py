@@ -50,7 +50,7 @@ def compare(
         from vastflow.flows.analysis.comparison import compared
         from vastflow.flows.analysis.comparison_pictures import draw
         from vastflow.flows.analysis.comparison_text import compared_json, compared_report, compared_text
-        from vastflow.flows.terminal.display import printed
+        from vastflow.flows.terminal.display import print_rows
         from vastflow.oracles.results.tables import read_tables
 
         with reading(before):
@@ -66,7 +66,7 @@ def compare(
         if as_json:
             print(json.dumps(compared_json(found, drawn)))
         else:
-            printed(compared_text(found, drawn))
+            print_rows(compared_text(found, drawn))
         for why, names in undrawn.items():
             print(f"not drawn: {', '.join(names)}: {why}", file=sys.stderr)
     if gate:

@@ -44,11 +44,11 @@ def _finite(value: Any) -> Any:
 
 
 def _print(account: Mapping[str, Any]) -> None:
-    from vastflow.flows.terminal.display import printed, terminal_table
+    from vastflow.flows.terminal.display import print_rows, terminal_table
     from vastflow.sim.system.facts import RobotFact, robot_words
 
     rows = [_row(row) for row in account["parameters"]]
-    printed([terminal_table((), ("line",), ("parameter", "value", "simulator"), rows), ""])
+    print_rows([terminal_table((), ("line",), ("parameter", "value", "simulator"), rows), ""])
     for status, meaning in MEANING.items():
         print(f"{account['counts'][status]:>4}  {status}: {meaning}")
     for fault in account["refused"]:
@@ -59,7 +59,7 @@ def _print(account: Mapping[str, Any]) -> None:
     if account["omitted"]:
         print("\nleft out, and not in Nav2's code as in Jazzy's file or as built in:")
         titles = "parameter", "Nav2's code", "in its place", "declared"
-        printed([terminal_table((), (), titles, [*_omitted(account["omitted"])]), ""])
+        print_rows([terminal_table((), (), titles, [*_omitted(account["omitted"])]), ""])
     for key, words in (
         ("nodes_of_jazzy", "not in the file, as in Nav2 Jazzy's file"),
         ("nodes_of_code", "not in the file, as in Nav2's code"),

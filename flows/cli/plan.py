@@ -44,14 +44,14 @@ def plan(
         from vastflow.flows.plan.plan import draw, plan_of
         from vastflow.flows.plan.text import plan_json, plan_text
         from vastflow.flows.results.directory import directory_name
-        from vastflow.flows.terminal.display import printed
+        from vastflow.flows.terminal.display import print_rows
 
         with requested(source, asked, trust) as request, TemporaryDirectory(prefix="vastflow-") as environments:
             found = plan_of(request, Path(environments), since or (source if is_directory(source) else None))
             for fault in found.unexecutable:
                 print(f"this version can't run the file: {fault}", file=sys.stderr)
             if not as_json:
-                printed(plan_text(found, why=why, coverage=coverage))
+                print_rows(plan_text(found, why=why, coverage=coverage))
             folder = out or Path(f"pictures-{directory_name(found.name)}")
             with writing(folder, "--out"):
                 drawn = [str(path) for path in draw(found.distinct[:pictures], folder)]

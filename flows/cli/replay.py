@@ -89,7 +89,7 @@ def replay(
     if not recorded.recording.columns:
         where = f"What its programs wrote is in outputs/{recorded.configuration}.zip."
         raise UnusableDirectory(f"{results}: {configuration} has no robot, so there is nothing to draw. {where}")
-    asked = _asked(recorded, at or [], every, since, until, film is not None)
+    asked = _read_times(recorded, at or [], every, since, until, film is not None)
     with writing(folder, "--out"):
         (folder / FRAMES).mkdir(parents=True, exist_ok=True)
     for note in asked.notes:
@@ -102,7 +102,7 @@ def replay(
         print(f"{title}: {words}, so that the run executed here may differ", file=sys.stderr)
     with executing(results, trust, code=needs_code(recorded)), Interruptible("interrupted"):
         try:
-            replayed, ticks = _executed(recorded, asked)
+            replayed, ticks = _execute(recorded, asked)
         except ValueError as error:  # a scenario of another version
             what = f"{configuration} can't be executed by this version: {error}"
             raise UnusableDirectory(f"{results}: {what}") from None
@@ -112,10 +112,10 @@ def replay(
             print(f"{title}: NOT THE RECORDED RUN: {difference}\n{made}", file=sys.stderr)
         with writing(folder, "--out"):
             story = _story(title, recorded, replayed, difference)
-            written = _drawn(folder, story, replayed, ticks)
+            written = _draw(folder, story, replayed, ticks)
         if film is not None:
             with writing(film, "--film"):
-                _filmed(film, story, replayed, asked, FILM_EVERY_S if every is None else every)
+                _write_film(film, story, replayed, asked, FILM_EVERY_S if every is None else every)
             written["film"] = str(film)
     if as_json:
         equality = {"equal": difference is None, "difference": difference and str(difference), "differs": differs}
@@ -133,7 +133,7 @@ def replay(
     raise typer.Exit(0 if difference is None else 1)
 
 
-def _asked(
+def _read_times(
     recorded: "RecordedRun",
     at_s: list[float],
     every_s: float | None,
@@ -158,7 +158,7 @@ def _asked(
     return ShownTicks(span.first, last, sorted(strip), regular if filmed else [], notes)
 
 
-def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list[int]]":
+def _execute(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list[int]]":
     """Return the run with its snapshots, and the ticks of the strip.
 
     The run is executed twice, since its events decide which ticks are drawn.
@@ -205,7 +205,7 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
     )
 
 
-def _drawn(folder: Path, story: "Story", replayed: "Replay", ticks: list[int]) -> dict[str, Any]:
+def _draw(folder: Path, story: "Story", replayed: "Replay", ticks: list[int]) -> dict[str, Any]:
     """Write the pictures and return their paths as `--json` prints them."""
     from vastflow.oracles.figures.style import png
     from vastflow.oracles.replay.still import still_images, strip_figure
@@ -222,7 +222,7 @@ def _drawn(folder: Path, story: "Story", replayed: "Replay", ticks: list[int]) -
     return {"frames": frames, "strip": str(folder / STRIP), "film": None}
 
 
-def _filmed(file: Path, story: "Story", replayed: "Replay", asked: ShownTicks, every_s: float) -> None:
+def _write_film(file: Path, story: "Story", replayed: "Replay", asked: ShownTicks, every_s: float) -> None:
     """Write a film of twice the simulated speed."""
     from vastflow.oracles.figures.film import FilmError
     from vastflow.oracles.replay.still import write_film

@@ -122,14 +122,14 @@ def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = Fals
         print(found.summary.json_text())
     else:
         from vastflow.flows.cli.show import report_line
-        from vastflow.flows.terminal.display import printed
+        from vastflow.flows.terminal.display import print_rows
         from vastflow.flows.terminal.outcome import outcome
         from vastflow.flows.terminal.progress import duration_text
         from vastflow.oracles.evidence.evidence import evidence_of
         from vastflow.oracles.results.tables import read_tables
 
         tables, summary = read_tables(found.directory), found.summary
-        printed(outcome(tables, evidence_of(tables)))
+        print_rows(outcome(tables, evidence_of(tables)))
         print(f"{summary.executed} runs executed, {summary.reused} from the store, in {duration_text(summary.wall_s)}")
         print(report_line(found.directory))
         if is_address(summary.results):

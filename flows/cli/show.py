@@ -59,7 +59,7 @@ def show(
         raise UserError("RESULTS: Name a campaign directory. Only --follow finds one itself.")
     from vastflow.flows.plan.text import coverage_text
     from vastflow.flows.results.address import WITHOUT_RUNS, at_hand, check_directory
-    from vastflow.flows.terminal.display import printed
+    from vastflow.flows.terminal.display import print_rows
     from vastflow.flows.terminal.outcome import details
     from vastflow.oracles.evidence.evidence import evidence_of
     from vastflow.oracles.results.coverage import read_coverage
@@ -73,18 +73,18 @@ def show(
             elif as_json:
                 print(json.dumps(read_coverage(directory), ensure_ascii=False))
             elif coverage:
-                printed([*coverage_text(read_coverage(directory))])
+                print_rows([*coverage_text(read_coverage(directory))])
             else:
                 tables = read_tables(directory)
                 shown = list(details(tables, evidence_of(tables)))
                 print(f"{tables.metadata['name']}, {tables.metadata['created']}\n")
-                printed(shown)
+                print_rows(shown)
                 print(f"\n{report_line(directory, results.rstrip('/'))}")
 
 
 def _show_lineage(directory: Path, run: str, place: str | None, as_json: bool) -> None:
     from vastflow.flows.results.lineage import lineage_of, lineage_text
-    from vastflow.flows.terminal.display import printed, terminal_table
+    from vastflow.flows.terminal.display import print_rows, terminal_table
     from vastflow.tasks.store.store import open_store
 
     configuration, _, index = run.rpartition("/")
@@ -94,7 +94,7 @@ def _show_lineage(directory: Path, run: str, place: str | None, as_json: bool) -
     if as_json:
         print(json.dumps([step.as_json() for step in steps], ensure_ascii=False))
     else:
-        printed([terminal_table(("step", "", "key"), rows=lineage_text(steps))])
+        print_rows([terminal_table(("step", "", "key"), rows=lineage_text(steps))])
 
 
 def _follow(results: Path, as_json: bool) -> None:

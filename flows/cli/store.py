@@ -30,7 +30,7 @@ StoreOption = Annotated[
 def info(place: StoreOption = None, as_json: AsJson = False) -> None:
     """Show what is in the store: artifacts, bytes, and age by stage."""
     with Interruptible("interrupted"):
-        opened = _opened(place, read_only=True)
+        opened = _open(place, read_only=True)
         from vastflow.flows.results.cleaning import folder_bytes
 
         holdings = opened.holdings()
@@ -63,7 +63,7 @@ def verify(
     from concurrent.futures import ThreadPoolExecutor
 
     with Interruptible("Interrupted. Nothing more is discarded."), ThreadPoolExecutor(8) as readers:
-        opened = _opened(place, read_only=not repair)
+        opened = _open(place, read_only=not repair)
         holdings = [holding for holding in opened.holdings() if holding.whole]
         keys = [holding.key for holding in holdings]
         faults = {key: fault for key, fault in zip(keys, readers.map(opened.fault, keys), strict=True) if fault}
@@ -112,7 +112,7 @@ def gc(
             inside = [folder]
         directories += inside
     with Interruptible("Interrupted. Deleted artifacts are computed again when they are needed."):
-        opened = _opened(place, read_only=dry_run)
+        opened = _open(place, read_only=dry_run)
         from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
 
         opened.refresh()
@@ -154,13 +154,13 @@ def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
 
 
 def _print_stages(found: dict[str, Any]) -> None:
-    from vastflow.flows.terminal.display import printed, terminal_table
+    from vastflow.flows.terminal.display import print_rows, terminal_table
 
     rows = []
     for name, row in [*found["stages"].items(), ("all", found)]:
         ages = (_age_text(row["oldest_days"]), _age_text(row["newest_days"]))
         rows.append((name, f"{row['artifacts']:,}", _size_text(row["bytes"]), *ages))
-    printed([terminal_table(("stage",), ("artifacts", "size", "oldest", "newest"), rows=rows)])
+    print_rows([terminal_table(("stage",), ("artifacts", "size", "oldest", "newest"), rows=rows)])
 
 
 def _size_text(size: int) -> str:
@@ -179,7 +179,7 @@ def _age_text(days: float | None) -> str:
     return "< 1 min"
 
 
-def _opened(place: str | None, *, read_only: bool) -> "Store":
+def _open(place: str | None, *, read_only: bool) -> "Store":
     from vastflow.tasks.store.store import open_store, store_address, store_root
 
     if store_address(place) is None and not (root := store_root(place)).is_dir():

@@ -87,7 +87,7 @@ class Computing:
 
 
 @contextmanager
-def told(observer: Observer | None) -> Iterator[Tally]:
+def show_progress(observer: Observer | None) -> Iterator[Tally]:
     """The progress of a call, shown to `observer` from one thread; meanwhile SIGTERM interrupts as Ctrl-C does."""
     tally = Tally()
     with process.terminable(), Reporter(tally, observer):
@@ -95,7 +95,7 @@ def told(observer: Observer | None) -> Iterator[Tally]:
 
 
 @contextmanager
-def computing(
+def open_computing(
     opened: OpenCampaign,
     keys: Keys,
     oracles: Sequence[Oracle[Any]],

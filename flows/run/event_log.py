@@ -154,7 +154,7 @@ class EventLog:
 
 
 @contextmanager
-def logged(run: PreparedCampaign, computing: Computing) -> Iterator[EventLog]:
+def open_log(run: PreparedCampaign, computing: Computing) -> Iterator[EventLog]:
     """A campaign directory for the body, which computes and writes it, with the events that a reader follows.
 
     Raises:
@@ -177,7 +177,7 @@ def logged(run: PreparedCampaign, computing: Computing) -> Iterator[EventLog]:
             log.close("stopped", reason=_reason(log, PoolClosed()))
 
 
-def ended(log: EventLog, written: Results) -> None:
+def log_end(log: EventLog, written: Results) -> None:
     """Write the last event of a campaign that has a directory."""
     counts = written.summary.as_json()
     names = ("configurations", "runs", "passed", "failed", "not_judged", "executed", "reused", "wall_s", "cpu_s")

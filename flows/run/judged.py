@@ -40,7 +40,7 @@ Completes = Callable[[Judged | None], Judged | None]
 """Completes what is known of a batch, or gives what it can."""
 
 
-def scanned(run: PreparedCampaign, computing: Computing, instantiated: Instantiated) -> Judged:
+def scan_store(run: PreparedCampaign, computing: Computing, instantiated: Instantiated) -> Judged:
     """Select the requested configurations, and scan the store for their results."""
     if run.search is None:
         asked = run.asked
@@ -62,13 +62,13 @@ def scanned(run: PreparedCampaign, computing: Computing, instantiated: Instantia
     return Judged(instantiated, found)
 
 
-def look(run: PreparedCampaign, computing: Computing) -> Judged | None:
+def read_store(run: PreparedCampaign, computing: Computing) -> Judged | None:
     """Scan the store for the campaign or the current batch; None if an evaluation is missing."""
     stored = run.instantiator.stored()
-    return None if stored is None else scanned(run, computing, stored)
+    return None if stored is None else scan_store(run, computing, stored)
 
 
-def through(
+def run_batches(
     run: PreparedCampaign, computing: Computing, judged: Judged | None, completes: Completes = lambda judged: judged
 ) -> Judged | None:
     """Complete the campaign, a search batch by batch; stop at an incomplete batch.
@@ -87,7 +87,7 @@ def through(
         if not run.search.take(judged.instantiated, judged.found, engine.index, engine.broken):
             return judged
         engine.forget(judged.found)
-        judged = look(run, computing)
+        judged = read_store(run, computing)
 
 
 def begin(run: PreparedCampaign, computing: Computing, judged: Judged | None) -> None:
@@ -102,7 +102,7 @@ def begin(run: PreparedCampaign, computing: Computing, judged: Judged | None) ->
         computing.engine.begin(judged.incomplete(computing.engine))
 
 
-def computed(
+def compute_missing(
     judged: Judged,
     computing: Computing,
     compute: Callable[[Sequence[FoundRuns], Sequence[Shard]], None],

@@ -47,7 +47,7 @@ class Processed:
     files: Mapping[str, str] = field(default_factory=dict)
 
 
-def postprocessed(written: Results, steps: Sequence[ProcessingStep], base: Path) -> Results:
+def run_steps(written: Results, steps: Sequence[ProcessingStep], base: Path) -> Results:
     """Run the steps over a written campaign directory, and add faults for failed steps.
 
     What a step writes into its copy of the results lies in the campaign directory's folder `postprocessing`, at the same place.
@@ -120,14 +120,14 @@ def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
                 f"{config}/{each.removeprefix(CONFIG)}" if each.startswith(CONFIG) else each for each in arguments
             ]
             code, said = _process([str(file), *arguments, str(copy)], copy, "")
-            return code == 0, said if code == 0 else _ended(code, "", said)
+            return code == 0, said if code == 0 else _end_text(code, "", said)
         answer = Path(aside) / "answer.json"
         class_name = step.name.rpartition(":")[2]
         request = Request(str(file), class_name, dict(step.parameters), str(copy), str(config), str(answer))
         command = python_command("vastflow.flows.run.postprocessing_step")
         code, said = _process(command, copy, json.dumps(asdict(request)))
         if not answer.is_file():
-            return False, f"its process {_ended(code, ' without an answer', said)}"
+            return False, f"its process {_end_text(code, ' without an answer', said)}"
         done, message = json.loads(answer.read_text(encoding="utf-8"))
         return bool(done), str(message)
 
@@ -158,7 +158,7 @@ def _process(command: Sequence[str], folder: Path, request: str) -> tuple[int, s
         return process.returncode, log.read().decode("utf-8", "replace").strip()
 
 
-def _ended(code: int, how: str, said: str) -> str:
+def _end_text(code: int, how: str, said: str) -> str:
     ended = f"was ended by signal {-code}" if code < 0 else f"ended with code {code}"
     last = said.rpartition("\n")[2].strip()
     return f"{ended}{how}{': ' if said else ''}{last}"

@@ -13,7 +13,7 @@ from vastflow.flows.results.address import Delivery, delivery_to
 from vastflow.flows.results.inputs import Inputs, inputs_of
 from vastflow.flows.results.provenance import ingredients_row, origin_row
 from vastflow.flows.results.summary import Work
-from vastflow.flows.run.computing import Computing, computing, stopwatch, told
+from vastflow.flows.run.computing import Computing, open_computing, show_progress, stopwatch
 from vastflow.flows.run.due import DueWork
 from vastflow.flows.run.search_progress import PointRuns, SearchProgress, search_progress
 from vastflow.producers.campaign import Campaign
@@ -93,7 +93,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
         FileError: faults of the file.
         StoreError: the store can't be used, or this machine lacks something that a computation needs.
     """
-    with told(observer) as tally, few_collections():
+    with show_progress(observer) as tally, few_collections():
         work = stopwatch(tally)
         map_dir = None if request.map_dir is None else Path(request.map_dir)
         campaign, oracles = read_campaign(Path(request.campaign), map_dir, strict=request.strict)
@@ -131,7 +131,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
             DueWork(opened.name, delivery.folder, {**origin_row(keys), **record}, campaign.families, forced),
             work,
         )
-        with computing(
+        with open_computing(
             run.opened,
             keys,
             oracles,

@@ -24,7 +24,7 @@ from vastflow.flows.results.summary import Results, summary_of
 from vastflow.flows.results.trust import remember_made
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.due import WHY
-from vastflow.flows.run.event_log import EventLog, ended
+from vastflow.flows.run.event_log import EventLog, log_end
 from vastflow.flows.run.judged import Judged
 from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.flows.run.search_tables import search_record, write_search
@@ -36,7 +36,7 @@ from vastflow.tasks.store.store import StoreError, store_address
 _REMOTE_READERS: Final = 16
 
 
-def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: EventLog) -> Results:
+def write_campaign(run: PreparedCampaign, computing: Computing, judged: Judged, log: EventLog) -> Results:
     """Write the campaign directory of judged runs, and bring it where it belongs.
 
     Args:
@@ -73,11 +73,11 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged, log: E
             write_search(place, run.search)
         written = write_judged(run, computing, judged, log.directory, record, report, kept)
     if steps := steps_of(run.campaign.spec.results_processing.postprocessing):
-        from vastflow.flows.run.postprocess import postprocessed
+        from vastflow.flows.run.postprocess import run_steps
 
         computing.tally.begin("postprocessing")
-        written = postprocessed(written, steps, run.campaign.path.parent)
-    ended(log, written)
+        written = run_steps(written, steps, run.campaign.path.parent)
+    log_end(log, written)
     remember_made(written.directory)
     results = run.delivery.delivered(written)
     if run.delivery.address is None and not steps and not written.faults:
@@ -159,7 +159,7 @@ def _oracles(run: PreparedCampaign) -> list[str]:
     return [oracle.name for oracle in run.opened.oracles]
 
 
-def current(run: PreparedCampaign, computing: Computing) -> Results | None:
+def find_current(run: PreparedCampaign, computing: Computing) -> Results | None:
     """The campaign's newest directory, if this run would write the same and the store had everything behind it.
 
     It costs the same for any number of runs. A forced stage takes the store's word for that away. A campaign with steps of postprocessing

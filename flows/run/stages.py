@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys, open_campaign
 from vastflow.flows.request.configurations import distinct_configurations, narrowed
 from vastflow.flows.request.stopping import Stopping, stopping_of
-from vastflow.flows.run.computing import computing, told
-from vastflow.flows.run.judged import Judged, computed
+from vastflow.flows.run.computing import open_computing, show_progress
+from vastflow.flows.run.judged import Judged, compute_missing
 from vastflow.flows.run.stage_values import Configurations, Recordings, StageResult, Traces, Verdicts
 from vastflow.flows.run.task_runs import compute_round
 from vastflow.flows.run.task_runs import instantiate as instantiated
@@ -60,7 +60,10 @@ def instantiate(
     tree = installed_tree()
     keys = campaign_keys(tree, opened.campaign.seed, opened.oracles)
     instantiator = Instantiator(opened.campaign, opened.store, keys, tree)
-    with told(None) as tally, computing(opened, keys, (), tally, stage="instantiate", workers=workers) as run:
+    with (
+        show_progress(None) as tally,
+        open_computing(opened, keys, (), tally, stage="instantiate", workers=workers) as run,
+    ):
         made: list[Instantiated] = []
         for _ in run.engine.attempts():
             if (stored := instantiator.stored()) is not None:
@@ -116,7 +119,7 @@ def _by_rule(before: StageResult, stopping: Stopping, workers: int | None, obser
     configurations, opened = before.configurations, before.configurations.opened
     first = distinct_configurations(configurations.instantiation, stopping.wanted({}))
     options: Any = {"stage": "execute", "workers": workers, "stopping": stopping}
-    with told(observer) as tally, computing(opened, before.keys, opened.oracles, tally, **options) as run:
+    with show_progress(observer) as tally, open_computing(opened, before.keys, opened.oracles, tally, **options) as run:
         tally.expect({each.name: stopping.most for each in first})
 
         def scanned() -> Judged:
@@ -124,7 +127,7 @@ def _by_rule(before: StageResult, stopping: Stopping, workers: int | None, obser
             return Judged(Instantiated(configurations.instantiation), run.engine.scan(first))
 
         def rounds(judged: Judged, task_runs: "TaskRuns") -> None:
-            computed(judged, run, partial(compute_round, task_runs))
+            compute_missing(judged, run, partial(compute_round, task_runs))
 
         for _ in run.engine.attempts():
             judged = scanned()
@@ -202,7 +205,10 @@ def _computed(
             raise Lost(f"{what} of {name} are not in the store {opened.store.place!r} any more. Call {stages} again")
         return all(each.verdicts if traced else each.trace for each in found.stored if each.trace or not traced)
 
-    with told(observer) as tally, computing(opened, keys, oracles, tally, stage=stage, workers=workers) as run:
+    with (
+        show_progress(observer) as tally,
+        open_computing(opened, keys, oracles, tally, stage=stage, workers=workers) as run,
+    ):
         tally.expect({each.name: each.runs for each in executed})
 
         def scanned() -> tuple[dict[str, FoundRuns], list[FoundRuns]]:

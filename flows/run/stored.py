@@ -15,7 +15,7 @@ from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.computing import Computing
-from vastflow.flows.run.judged import Judged, look, through
+from vastflow.flows.run.judged import Judged, read_store, run_batches
 from vastflow.flows.run.prepared import PreparedCampaign, open_run
 from vastflow.flows.run.reporting import write_judged
 from vastflow.flows.run.search_progress import BatchClock, SearchProgress
@@ -40,7 +40,7 @@ def write_stored(request: RunRequest, configuration: str, runs: int) -> Results:
     with open_run(request) as (run, computing):
         run.store.refresh()
         if run.search is None:
-            judged = look(run, computing)
+            judged = read_store(run, computing)
         else:
             judged = _of_point(run, run.search, computing, configuration, runs)
         if judged is None or judged.incomplete(computing.engine):
@@ -65,7 +65,7 @@ def _of_point(
         batches.extend(filter(None, [judged]))
         return judged
 
-    through(run, computing, look(run, computing), noted)
+    run_batches(run, computing, read_store(run, computing), noted)
     for batch in reversed(batches):
         if (found := batch.found.get(name)) is not None:
             wanted = FoundRuns(replace(found.configuration, runs=runs), found.stored)

@@ -156,7 +156,7 @@ def terminal_table(
     return table
 
 
-def printed(lines: Iterable[RenderableType]) -> None:
+def print_rows(lines: Iterable[RenderableType]) -> None:
     """Print lines and tables on stdout, each row on one line unless it is a terminal."""
     console = Console(markup=False, highlight=False)
     if not console.is_terminal:

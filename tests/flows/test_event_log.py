@@ -15,7 +15,7 @@ from command_line import called, refused
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.run import event_log
-from vastflow.flows.run.event_log import CampaignStopped, EventLog, logged
+from vastflow.flows.run.event_log import CampaignStopped, EventLog, open_log
 from vastflow.flows.terminal.following import lines_of, runs_text
 from vastflow.oracles.results.events import EVENTS, Event, EventReader
 from vastflow.oracles.results.unfinished import WRITER, ask_to_stop, is_running, place_of, unfinished, writer
@@ -69,7 +69,7 @@ def counted(tally):
 
 def test_log_has_each_change_once(campaign, tmp_path):
     run, computing = campaign
-    with logged(run, computing) as log:
+    with open_log(run, computing) as log:
         counted(computing.tally)
         place = log.directory.place
         log.close("ended", faults=1)
@@ -102,7 +102,7 @@ def test_first_event_has_no_credentials(campaign):
     run.request = RunRequest(
         campaign="room.vast", store="s3://KEY:SECRET@bucket/store", results="sftp://me:pw@host/out"
     )
-    with logged(run, computing) as log:
+    with open_log(run, computing) as log:
         text = (log.directory.place / EVENTS).read_text()
         log.close("ended", faults=0)
     assert "SECRET" not in text and "me:pw" not in text
@@ -111,7 +111,7 @@ def test_first_event_has_no_credentials(campaign):
 
 def test_log_writes_while_campaign_runs(campaign):
     run, computing = campaign
-    with logged(run, computing) as log:
+    with open_log(run, computing) as log:
         counted(computing.tally)
         reader, found = EventReader(log.directory.final), []
         while "progress" not in found:
@@ -134,7 +134,7 @@ def test_log_survives_full_disk(campaign, tmp_path, caplog):
 def test_log_begins_new_line_after_torn_one(campaign, monkeypatch):
     run, computing = campaign
     write = os.write
-    with logged(run, computing) as log:
+    with open_log(run, computing) as log:
         monkeypatch.setattr(os, "write", lambda file, content: write(file, content[: len(content) // 2]))
         computing.tally.notice("lost")
         log._append([Event(datetime.now(UTC), "notice", {"text": "torn"})])
@@ -150,7 +150,7 @@ def test_log_begins_new_line_after_torn_one(campaign, monkeypatch):
 )
 def test_log_of_campaign_without_directory_has_reason(campaign, error, reason):
     run, computing = campaign
-    with pytest.raises(type(error)), logged(run, computing) as log:
+    with pytest.raises(type(error)), open_log(run, computing) as log:
         raise error
     place = place_of(log.directory.final)
     assert place == log.directory.running and not is_running(place) and not (place / WRITER).exists()
@@ -160,14 +160,14 @@ def test_log_of_campaign_without_directory_has_reason(campaign, error, reason):
 
 def test_log_of_wrong_campaign_file_leaves_nothing(campaign, tmp_path):
     run, computing = campaign
-    with pytest.raises(FileError), logged(run, computing):
+    with pytest.raises(FileError), open_log(run, computing):
         raise FileError([])
     assert list(tmp_path.iterdir()) == []
 
 
 def test_stop_closes_engine_and_gives_its_reason(campaign):
     run, computing = campaign
-    with pytest.raises(CampaignStopped, match=r"^stopped: wrong noise$"), logged(run, computing) as log:
+    with pytest.raises(CampaignStopped, match=r"^stopped: wrong noise$"), open_log(run, computing) as log:
         ask_to_stop(log.directory.final, "wrong noise")
         while not computing.engine.closed:
             time.sleep(INTERVAL_S)
@@ -178,7 +178,7 @@ def test_stop_closes_engine_and_gives_its_reason(campaign):
 
 def test_log_survives_deleted_folder(campaign):
     run, computing = campaign
-    with logged(run, computing) as log:
+    with open_log(run, computing) as log:
         for path in log.directory.running.iterdir():
             path.unlink()
         log.directory.running.rmdir()

@@ -11,7 +11,7 @@ from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.export.run import poses_csv
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.run.postprocess import postprocessed
+from vastflow.flows.run.postprocess import run_steps
 from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.sim.model.archive import write_outputs
@@ -85,7 +85,7 @@ class Campaign:
         written = write_results(self.file, self.root, found, created=created)
         before = contents(written.directory, "metadata.json")
         steps = steps_of(campaign.spec.results_processing.postprocessing)
-        results = postprocessed(written, steps, self.file.parent)
+        results = run_steps(written, steps, self.file.parent)
         after = contents(written.directory, "metadata.json")
         assert {name: content for name, content in after.items() if not name.startswith("postprocessing/")} == before
         return json.loads((written.directory / "postprocessing/steps.json").read_text())["steps"], results

@@ -6,10 +6,10 @@ from functools import partial
 
 from vastflow.flows.request.run_request import request_of
 from vastflow.flows.run import judged as judging
-from vastflow.flows.run.event_log import logged
-from vastflow.flows.run.judged import look, scanned, through
+from vastflow.flows.run.event_log import open_log
+from vastflow.flows.run.judged import read_store, run_batches, scan_store
 from vastflow.flows.run.prepared import open_run
-from vastflow.flows.run.reporting import reported
+from vastflow.flows.run.reporting import write_campaign
 from vastflow.tasks.engine.evaluation import packed
 
 CAMPAIGN = """
@@ -82,7 +82,7 @@ def computed(file, place, store, workers=2, calls=math.inf):
         return stage(*given).made
 
     request = request_of(file, {"results": place / "results", "store": place / store, "workers": workers})
-    with open_run(request) as (run, computing), logged(run, computing) as log:
+    with open_run(request) as (run, computing), open_log(run, computing) as log:
         engine = computing.engine
 
         def stages(_, shards):
@@ -94,11 +94,13 @@ def computed(file, place, store, workers=2, calls=math.inf):
         def completed(judged):
             if judged is None:
                 instantiated = run.instantiator.instantiated(partial(evaluated, engine))
-                judged = scanned(run, computing, instantiated)
-            return judging.computed(judged, computing, stages)
+                judged = scan_store(run, computing, instantiated)
+            return judging.compute_missing(judged, computing, stages)
 
         for _ in engine.attempts():
-            return reported(run, computing, through(run, computing, look(run, computing), completed), log)
+            return write_campaign(
+                run, computing, run_batches(run, computing, read_store(run, computing), completed), log
+            )
 
 
 def evaluated(engine, requests):

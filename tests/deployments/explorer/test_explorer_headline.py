@@ -12,7 +12,7 @@ from vastflow.flows.analysis.comparison_text import compared_json, compared_repo
 from vastflow.flows.cli.show import show
 from vastflow.flows.export.export import export
 from vastflow.flows.results.summary import Results
-from vastflow.flows.terminal.display import printed
+from vastflow.flows.terminal.display import print_rows
 from vastflow.flows.terminal.outcome import outcome
 from vastflow.oracles.evidence.evidence import evidence_of, headline_of
 from vastflow.oracles.page.report import write_report
@@ -84,7 +84,7 @@ def test_headline_is_the_same_sentence_in_each_place(written, client, id_of, tmp
     if expected is not None:
         assert text == expected
     said = {"evidence": json.loads((directory / "evidence.json").read_text())["headline"]}
-    printed(outcome(tables, evidence_of(tables)))
+    print_rows(outcome(tables, evidence_of(tables)))
     said["terminal"] = capsys.readouterr().out
     show(str(directory))
     said["show"] = capsys.readouterr().out
@@ -99,7 +99,7 @@ def test_headline_is_the_same_sentence_in_each_place(written, client, id_of, tmp
     root = ElementTree.parse(tmp_path / "exported" / "test.xml").getroot()
     said["JUnit"] = root.find("properties/property[@name='headline']").get("value")
     found = compared(read_tables(before), tables)
-    printed(compared_text(found, {}))
+    print_rows(compared_text(found, {}))
     said["compare"] = capsys.readouterr().out
     said["compare --json"] = compared_json(found, {})["headlines"]["after"]
     said["compare --junit"] = unescape(compared_report(found).decode())
