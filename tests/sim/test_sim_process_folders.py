@@ -1,4 +1,4 @@
-"""A run's programs know its folders as `/config` and `/out`, whether or not the machine lets them be mounted there."""
+"""A run's programs know its folders as `/config` and `/out` where bubblewrap mounts them there."""
 
 import os
 import re
@@ -9,8 +9,6 @@ import threading
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.model.digest import file_digest
@@ -19,12 +17,10 @@ from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.scenario.programs import folders
 from vastflow.sim.scenario.programs import run as run_module
 from vastflow.sim.scenario.programs.folders import (
-    RunFolders,
     below_config,
     copy_in,
     files_matching,
     handed_name,
-    named_in,
     unmatched,
 )
 from vastflow.sim.scenario.programs.run import process_run
@@ -33,15 +29,11 @@ from vastflow.sim.world.world import map_content
 
 pytestmark = pytest.mark.timeout(900)
 
-FOLDERS = RunFolders.below(Path("/tmp/a run"))
 
-
-@pytest.fixture(params=["mounted", "rewritten"])
-def begun(request, tmp_path, monkeypatch):
-    """Begin runs of a campaign: on a machine with bubblewrap, and on one without."""
-    if request.param == "rewritten":
-        monkeypatch.setattr(run_module, "can_mount", lambda: False)
-    elif not folders.can_mount():
+@pytest.fixture
+def begun(tmp_path):
+    """Begin runs of a campaign."""
+    if not folders.can_mount():
         pytest.skip("bubblewrap is missing, or this machine forbids namespaces")
     (tmp_path / "campaign" / "files").mkdir(parents=True)
 
@@ -102,12 +94,17 @@ def test_undeclared_run_file_is_named(begun):
         pass
 
 
-def test_file_of_bytes_is_never_rewritten(begun):
-    content = b"\0 /config/x"
-    with begun({"a.txt": "/config/x"}) as run:
-        (run.folders.config / "data.bin").write_bytes(content)
-        run.folders.rewrite_files()
-        assert (run.folders.config / "data.bin").read_bytes() == content
+NEEDS = "a program that names /config or /out needs bwrap, .* Install it with `apt install bubblewrap`"
+
+
+def test_run_that_names_a_folder_is_refused_without_bubblewrap(begun, monkeypatch):
+    monkeypatch.setattr(run_module, "can_mount", lambda: False)
+    with begun({"a.txt": "a"}) as run:
+        assert printed(run, "cat", "a.txt") == "a"
+        with pytest.raises(ScenarioError, match=NEEDS):
+            run.start(["cat", "/config/a.txt"])
+    with pytest.raises(ScenarioError, match=NEEDS), begun({"b.sh": "touch /out/b"}):
+        pass
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="descriptors are read from /proc")
@@ -131,27 +128,6 @@ def test_program_that_names_a_folder_is_started_like_any_other(begun):
         run.environment = {"PATH": run.environment["PATH"], "GIVEN": "a b"}
         plain = printed(run, "sh", "-c", show, "sh", "", "a  b", "--", "*")
         assert printed(run, "sh", "-c", f"{show} # /out", "sh", "", "a  b", "--", "*") == plain
-
-
-@each_row(
-    ("text", "rewritten"),
-    [
-        ("/out", "/tmp/a run/run"),
-        ("--output=/out/x.csv", "--output=/tmp/a run/run/x.csv"),
-        ('open("/config/a.yaml")', 'open("/tmp/a run/config/a.yaml")'),
-        ("cat /config/a>/out/b;", "cat /tmp/a run/config/a>/tmp/a run/run/b;"),
-        ("/config/..", "/tmp/a run/config/.."),
-        ("$HOME/config ./out ~/out a/out /output /config.yaml /out-2 ${X}/out $(pwd)/out", None),
-    ],
-)
-def test_names_are_rewritten_where_they_begin_a_path(text, rewritten):
-    assert FOLDERS.rewritten(text) == (text if rewritten is None else rewritten)
-
-
-@given(st.text())
-def test_text_without_placeholder_is_unchanged(text):
-    if not named_in([text]):
-        assert FOLDERS.rewritten(text) == text
 
 
 @each_row(

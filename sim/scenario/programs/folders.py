@@ -28,8 +28,6 @@ OUT: Final = "/out"
 """Folder that programs write to, as they see it."""
 _NAMED: Final = re.compile(rb"/(?:config|out)(?![\w-])")
 """May be one of the two names; what only looks like one does no harm."""
-_NAME: Final = re.compile(rb"(?<![\w.~/$})-])/(config|out)(?![\w.-])")
-"""One of the two names that is not the end of a longer path."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,24 +62,9 @@ class RunFolders:
                 return folder / plain.relative_to(place)
         return self.out / name
 
-    def rewritten(self, text: str) -> str:
-        """Return `text` with the folders' paths on this machine in place of their names."""
-        return self._rewritten(text.encode(errors="surrogateescape")).decode(errors="surrogateescape")
-
-    def rewrite_files(self) -> None:
-        """Rewrite both copies of the run files that are texts, without a NUL."""
-        for folder in (self.config, self.out):
-            for path in filter(Path.is_file, folder.rglob("*")):
-                content = path.read_bytes()
-                if _NAMED.search(content) and b"\0" not in content:
-                    path.write_bytes(self._rewritten(content))
-
     def named_in_files(self) -> bool:
         """Whether a run file has one of the names."""
         return any(_NAMED.search(path.read_bytes()) for path in filter(Path.is_file, self.config.rglob("*")))
-
-    def _rewritten(self, content: bytes) -> bytes:
-        return _NAME.sub(lambda found: os.fsencode(self.mounts[f"/{found[1].decode()}"]), content)
 
 
 def named_in(texts: Sequence[str]) -> bool:

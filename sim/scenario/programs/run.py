@@ -24,6 +24,8 @@ from vastflow.sim.model.recording import LogText, Outputs, Use
 from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.scenario.programs import guard
 from vastflow.sim.scenario.programs.folders import (
+    BUBBLEWRAP,
+    CONFIG,
     OUT,
     MountNamespace,
     RunFolders,
@@ -118,6 +120,14 @@ class ProcessRecord:
     post_command: str
 
 
+def _check_mounts() -> None:
+    if not can_mount():
+        raise ScenarioError(
+            f"a program that names {CONFIG} or {OUT} needs {BUBBLEWRAP}, which is missing or may not make namespaces here. "
+            "Install it with `apt install bubblewrap`."
+        )
+
+
 class ProcessRun:
     """The processes of one run, see `process_run`.
 
@@ -156,9 +166,8 @@ class ProcessRun:
             copy_in(self._setup.files, folder)
             hand_over(self._handed, folder)
         self._named = self._named or folders.named_in_files()
-        if self._named and not can_mount():
-            folders.rewrite_files()
-            self.environment |= {name: folders.rewritten(value) for name, value in self._setup.environment.items()}
+        if self._named:
+            _check_mounts()
         self._before = stamps(folders.out)
         if self._setup.pre_command:
             self.environment = self._sourced(folders.logs / "environment")
@@ -169,9 +178,8 @@ class ProcessRun:
         if self._guard is None:
             self._guard = _guarding(self._mark, self.folders.out.parent)
         named = self._named or named_in(command)
-        if named and not can_mount():
-            command = [self.folders.rewritten(word) for word in command]
-        elif named and self._namespace is None:
+        if named and self._namespace is None:
+            _check_mounts()
             self._namespace = MountNamespace.of(self.folders.mounts)
         number = len(self._groups)
         group = ProcessGroup(
