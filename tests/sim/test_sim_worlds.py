@@ -200,7 +200,7 @@ REFUSED = {
     "too far": (model(link(collision(pose=pose("1e9 0 0 0 0 0")))), "m::l::c: pose: expected 6 numbers"),
     "no size": (model(link(collision("<box/>"))), "m::l::c: size: expected 3 numbers"),
     "negative": (model(link(collision("<box><size>1 -1 1</size></box>"))), "size: expected more than 0, got -1"),
-    "mesh": (model(link(collision("<mesh><uri>a.dae</uri></mesh>"))), "m::l::c: A mesh can't be read"),
+    "mesh": (model(link(collision("<mesh><uri>a.dae</uri></mesh>"))), "m::l::c: There is no file 'a.dae'"),
     "unknown shape": (model(link(collision("<heightmap/>"))), "got <heightmap>"),
     "a wall of a plane": (model(link(collision("<plane><normal>1 0 0</normal></plane>"))), "expected a level plane"),
     "another frame": (model(link(collision(pose=pose("0 0 0 0 0 0", "relative_to='x'")))), "relative to 'x'"),

@@ -22,6 +22,7 @@ from vastflow.sim.model.files import is_file, is_inside, read_bytes
 from vastflow.sim.model.pose import DECIMALS, Pose
 from vastflow.sim.model.shape import Box, Disc, Polygon, Shape
 from vastflow.sim.world.bodies import Body
+from vastflow.sim.world.readers.mesh import Triangles, cut, read_mesh, without_holes
 from vastflow.sim.world.readers.reader import FARTHEST_M, MOST_BODIES, WorldError
 
 LOWEST_M: Final = 0.02
@@ -34,6 +35,10 @@ MOST_INCLUDES: Final = 10_000
 MOST_FILE_BYTES: Final = 64 * 2**20
 NOTHING_STANDS: Final = {"sun", "ground_plane", "ground plane"}
 """Models of Gazebo's collections that nearly each world includes: a light, and a level floor."""
+MOST_TRIANGLES: Final = 5_000_000
+"""Maximum number of triangles of all meshes, each as often as it stands somewhere."""
+SLICES_M: Final = tuple(0.03 + 0.02 * k for k in range(19))
+"""Heights at which a mesh is cut: 0.03 m to 0.39 m."""
 _UPRIGHT: Final = 1e-6
 
 Transform = NDArray[np.float64]
@@ -41,9 +46,9 @@ Transform = NDArray[np.float64]
 
 
 class Sdf:
-    """Reader of SDF worlds and models: boxes, cylinders, spheres, planes, and polylines.
+    """Reader of SDF worlds and models: boxes, cylinders, spheres, planes, polylines, and meshes in STL and OBJ.
 
-    What no robot meets at its heights is left out, such as the floor. A mesh can't be read.
+    What no robot meets at its heights is left out, such as the floor.
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".sdf", ".world")
@@ -58,12 +63,15 @@ class Sdf:
     @staticmethod
     def files(path: Path) -> list[Path]:
         found, tree = [path], _Tree(path.parent)
+        meshes: dict[Path, None] = {}
         for each in found:  # grows
             file = _File(each, tree)
             standing = filter(_stands, _root(file).iter("include"))
             included = (_included(file, include, "include").path for include in standing)
             found += [one for one in dict.fromkeys(included) if one not in found]
-        return found
+            named = (mesh for collision in _root(file).iter("collision") for mesh in collision.iter("mesh"))
+            meshes |= dict.fromkeys(_included(file, mesh, "mesh").path for mesh in named)
+        return [*found, *meshes]
 
 
 @dataclass
@@ -72,12 +80,16 @@ class _Tree:
 
     Attributes:
         folder: The world's, in which the models are that it includes.
+        meshes: Triangles of each mesh.
         includes: Number of includes so far.
+        triangles: Number of triangles so far.
     """
 
     folder: Path
     roots: dict[Path, Element] = field(default_factory=dict)
+    meshes: dict[Path, Triangles] = field(default_factory=dict)
     includes: int = 0
+    triangles: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,8 +281,32 @@ def _bodies(file: _File, collision: Element, to_world: Transform, place: str) ->
             raise file.error(f"{place}: expected a level plane, which is a floor, got one that is not")
         return
     if shape.tag == "mesh":
-        raise file.error(f"{place}: A mesh can't be read. Expected a box, a cylinder, or a polyline for its collision.")
+        yield from _of_mesh(file, shape, to_world, place)
+        return
     yield from _cut(_solid(file, shape, place), to_world, place)
+
+
+def _of_mesh(file: _File, shape: Element, to_world: Transform, place: str) -> Iterator[Body]:
+    """Yield what of a mesh stands between a robot's heights, in pieces."""
+    tree, path = file.tree, _included(file, shape, place).path
+    if shape.find("submesh") is not None:
+        raise file.error(f"{place}: expected a whole mesh, got a submesh of {path.name}")
+    scale = np.array(_numbers(file, shape.findtext("scale", "1 1 1"), 3, f"{place}: scale"))
+    try:
+        if path not in tree.meshes:
+            tree.meshes[path] = read_mesh(path)
+        tree.triangles += len(tree.meshes[path])
+        if tree.triangles > MOST_TRIANGLES:
+            raise file.error(f"expected {MOST_TRIANGLES:,} triangles of meshes at most, got more")
+        corners = _moved(to_world, tree.meshes[path].reshape(-1, 3) * scale).reshape(-1, 3, 3)
+        whole = shapely.union_all([part for height_m in SLICES_M for part in cut(corners, height_m)])
+    except ValueError as error:
+        raise file.error(f"{place}: {path.name}: {error}") from None
+    x_m, y_m = (round(part, DECIMALS) for part in to_world[:2, 3].tolist())
+    low_m, high_m = (round(float(end), DECIMALS) for end in (corners[:, :, 2].min(), corners[:, :, 2].max()))
+    for part in (piece for each in shapely.get_parts(whole) for piece in without_holes(each)):
+        vertices = tuple((round(x - x_m, DECIMALS), round(y - y_m, DECIMALS)) for x, y in part.exterior.coords[:-1])
+        yield Body(place, Polygon(vertices), Pose(x_m, y_m, 0.0), low_m, high_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,7 +351,7 @@ def _solid(file: _File, shape: Element, place: str) -> _Solid:
                 raise file.error(f"{place}: expected a polyline of three points or more that does not cross itself")
             return _Solid(Polygon(vertices), 0.0, height)
         case other:
-            raise file.error(f"{place}: expected a box, cylinder, sphere, plane, or polyline, got <{other}>")
+            raise file.error(f"{place}: expected a box, cylinder, sphere, plane, polyline, or mesh, got <{other}>")
 
 
 def _cut(solid: _Solid, to_world: Transform, place: str) -> Iterator[Body]:
