@@ -165,7 +165,8 @@ def _simulation(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[i
     )
     obstacles = checked.script.obstacles
     return Simulation(
-        prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, checked.timeout_s
+        *(prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, checked.timeout_s),
+        robot.movers,
     )
 
 

@@ -80,6 +80,10 @@ if TYPE_CHECKING:
     from vastflow.sim.world.bodies import Body as Body
     from vastflow.sim.world.motion import arc as arc
     from vastflow.sim.world.motion import wrapped as wrapped
+    from vastflow.sim.world.mover import Mover as Mover
+    from vastflow.sim.world.mover import ReactiveMover as ReactiveMover
+    from vastflow.sim.world.mover import Sight as Sight
+    from vastflow.sim.world.mover_conformance import check_mover as check_mover
     from vastflow.sim.world.noise import LidarNoise as LidarNoise
     from vastflow.sim.world.noise import Scan as Scan
     from vastflow.sim.world.noise_conformance import check_lidar_noise as check_lidar_noise

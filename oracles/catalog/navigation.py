@@ -14,7 +14,7 @@ from vastflow.oracles.judgment.oracle import Oracle, Parameters
 from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.oracles.observation.goals import missed_goals
 from vastflow.oracles.observation.situation import Situation
-from vastflow.oracles.observation.trace import Reference, Trace
+from vastflow.oracles.observation.trace import CLEARANCES, Reference, Trace
 from vastflow.sim.model.elementary import hypots
 
 MAX_FREQUENCY_HZ: Final = 10.0
@@ -131,7 +131,7 @@ class Navigation(Oracle[NavigationParameters]):
         return self.passed(trace, **metrics)
 
 
-_CLEARANCES = ("wall_clearance_m", "static_clearance_m", "appearing_clearance_m")
+_CLEARANCES = ("wall_clearance_m", *CLEARANCES)
 
 
 def stops(t_s: NDArray[np.float64], stopped: NDArray[np.bool_], stop_s: float) -> list[float]:

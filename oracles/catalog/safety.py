@@ -11,11 +11,10 @@ from pydantic import Field
 
 from vastflow.oracles.judgment.oracle import Oracle, Parameters
 from vastflow.oracles.judgment.verdict import Verdict
-from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
+from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.observation.situation import Situation
-from vastflow.oracles.observation.trace import Trace
+from vastflow.oracles.observation.trace import CLEARANCES, Trace
 from vastflow.sim.model.elementary import hypots
-from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.shape import Box
 
 _RESOLUTION_M: Final = 1e-3
@@ -33,6 +32,17 @@ class Braking:
     lost_mps: float
     within_s: float
     stopped_mps: float
+
+
+def approach_mps(track: ObstacleTrack, trace: Trace) -> NDArray[np.float64]:
+    """Return the speed (N,) of a mover's center toward the robot's at each row, from the rows beside it; 0 where it moves away."""
+    t_s = trace["t_s"]
+    if len(t_s) < 2:
+        return np.zeros(len(t_s))
+    at_m = track.at(np.rint(t_s * 1000.0).astype(np.int32))
+    toward_m = trace.xy_m - at_m
+    along = (np.gradient(at_m, t_s, axis=0) * toward_m).sum(axis=1)
+    return np.asarray(np.maximum(along / np.maximum(hypots(*toward_m.T), _RESOLUTION_M), 0.0))
 
 
 def responses(trace: Trace, situation: Situation, braking: Braking) -> list[float | None]:
@@ -110,7 +120,8 @@ class Safety(Oracle[SafetyParameters]):
     - `cube`: of the cube, √3/2 of its edge, the words as they stand: 0.633 m and 0.893 m. A box counts as the cube of its longer
       edge, since heights are no part of the plane.
 
-    A cylinder has one radius. Separation is taken at the recording's rows, from where the obstacles are then; one that appears counts from
+    With a body that moves by itself v is the closing speed: the robot's greatest and that of the mover toward it, row by row. A
+    cylinder has one radius. Separation is taken at the recording's rows, from where the obstacles are then; one that appears counts from
     then on, and one that is pushed where it was pushed to. All are rounded to the nanometer, and exactly d_min passes. A run without obstacles passes.
 
     The paper's other property is collision. One with an obstacle is closer than d_min, and fails the run whatever the robot's
@@ -140,7 +151,7 @@ class Safety(Oracle[SafetyParameters]):
     }
 
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
-        tracks = obstacle_tracks_of(situation, trace.run)
+        tracks = obstacle_tracks_of(situation, trace.run, trace.columns)
         radius_m = self.parameters.robot_radius_m
         robot_m = situation.circumscribed_radius_m if radius_m is None else radius_m
         names = {each.obstacle.name for each in tracks}
@@ -148,8 +159,8 @@ class Safety(Oracle[SafetyParameters]):
         obstacles_touched = [what for what in touched if what in names]
         metrics: dict[str, float | None] = {"contacts": len(touched), "obstacle_contacts": len(obstacles_touched)}
         wrong = {"none": [], "obstacle": obstacles_touched, "any": touched}[self.parameters.fail_on_contact]
-        # Obstacles of one size class have one required separation.
-        closest = {str(each.obstacle.shape): each.obstacle for each in tracks}
+        # Obstacles of one size class have one required separation, a mover its own at each row.
+        closest = {each.group: each for each in tracks}
         if closest and not len(trace):
             return self.not_judged(trace, "the recording has no rows", **metrics)
         if missing := [name for name in closest if f"separation_m/{name}" not in trace.columns]:
@@ -160,7 +171,7 @@ class Safety(Oracle[SafetyParameters]):
             return self._kept(trace, wrong, metrics)
         by_reading = {
             reading: {
-                name: np.round(apart_m - self.required_m(closest[name], robot_m, reading), 9)
+                name: np.round(apart_m - self.required_m(closest[name], robot_m, reading, trace), 9)
                 for name, apart_m in there.items()
             }
             for reading in READINGS
@@ -180,7 +191,7 @@ class Safety(Oracle[SafetyParameters]):
                 float((0.5 * np.diff(trace["t_s"]) * (1.0 * violated[1:] + violated[:-1])).sum()), 6
             ),
         }
-        kinds = [name for name in ("static_clearance_m", "appearing_clearance_m") if name in trace.columns]
+        kinds = [name for name in CLEARANCES if name in trace.columns]
         if kinds and violated.any():
             metrics["violation_clearance"] = round(min(float(trace[k][violated].min()) for k in kinds) - robot_m, 9)
         if "speed_mps" in trace.columns:
@@ -189,18 +200,21 @@ class Safety(Oracle[SafetyParameters]):
             times_s = [time_s for time_s in found if time_s is not None]
             metrics |= {"response_time": max(times_s, default=None), "unanswered": len(found) - len(times_s)}
         if margins_m[worst].min() < 0:
-            apart_m = float(there[worst].min())
-            required_m = self.required_m(closest[worst], robot_m, self.parameters.obstacle_radius)
-            reason = f"{apart_m:.3f} m from the center of a {worst}, less than {required_m:.3f} m"
+            required_m = self.required_m(closest[worst], robot_m, self.parameters.obstacle_radius, trace)
+            row = int(np.argmin(there[worst] - required_m))
+            what = repr(worst) if closest[worst].moves else f"a {worst}"
+            reason = f"{there[worst][row]:.3f} m from the center of {what}, less than {required_m[row]:.3f} m"
             return self.failed(trace, reason, **metrics)
         return self._kept(trace, wrong, metrics)
 
-    def required_m(self, obstacle: Obstacle, robot_m: float, reading: Reading) -> float:
-        """d_min (m) between the centers of a robot of radius `robot_m` and `obstacle`."""
-        p, shape, radius_m = self.parameters, obstacle.shape, obstacle.shape.circumradius_m
+    def required_m(self, track: ObstacleTrack, robot_m: float, reading: Reading, trace: Trace) -> NDArray[np.float64]:
+        """d_min (m) between the centers of a robot of radius `robot_m` and an obstacle, at each row (N,) of a trace."""
+        p, shape = self.parameters, track.obstacle.shape
+        radius_m = shape.circumradius_m
         if reading == "cube" and isinstance(shape, Box):
             radius_m = math.sqrt(3) / 2 * max(shape.length_m, shape.width_m)
-        return radius_m + robot_m + p.max_speed_mps * p.max_speed_mps / (2 * p.max_deceleration_mps2)
+        closing_mps = p.max_speed_mps + (approach_mps(track, trace) if track.moves else np.zeros(len(trace)))
+        return np.asarray(radius_m + robot_m + closing_mps * closing_mps / (2 * p.max_deceleration_mps2))
 
     def _kept(self, trace: Trace, wrong: list[str], metrics: Mapping[str, float | None]) -> Verdict:
         """The verdict on a run that kept its separation but touched `wrong`."""

@@ -18,6 +18,7 @@ from vastflow.oracles.figures.case_figure import CASE_IN, CROSS, Case, case_figu
 from vastflow.oracles.figures.style import COLORS, DPI, INK, LINE, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK, place
 from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
+from vastflow.oracles.observation.trace import signals_of
 from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.recording import Event, Recording
 
@@ -87,7 +88,7 @@ class FilmedRun:
         (taken,) = floor.plot([], [], linestyle="none", marker=".", markersize=1.5, color=ESTIMATE_COLOR)
         (driven,) = floor.plot([], [], linewidth=1.3, color=COLORS[self.judgment])
         (crosses,) = floor.plot([], [], **CROSS)
-        tracks = obstacle_tracks_of(self.case.situation, self.recording.run)
+        tracks = obstacle_tracks_of(self.case.situation, self.recording.run, signals_of(self.recording.columns))
         look: dict[str, Any] = {"facecolor": OBSTACLE_COLOR, "edgecolor": OBSTACLE_EDGE}
         obstacles = [Polygon(np.zeros((1, 2)), **look) for _ in tracks]
         for outline in obstacles:

@@ -6,7 +6,7 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 
 from vastflow.oracles.judgment.verdict import Verdict
-from vastflow.oracles.observation.trace import Trace
+from vastflow.oracles.observation.trace import CLEARANCES, Trace
 from vastflow.sim.loop.standstill import STANDSTILL_M, STOOD_STILL
 from vastflow.sim.model.elementary import hypot, hypots
 
@@ -95,7 +95,7 @@ def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
     if (_SUCCESS in failed and touched) or (_SAFETY in failed and _fails_contact(failed[_SAFETY])):
         yield "contact"
     if _SUCCESS in failed:
-        kinds = [name for name in ("static_clearance_m", "appearing_clearance_m") if name in trace.columns]
+        kinds = [name for name in CLEARANCES if name in trace.columns]
         apart_m = min((float(trace[name][end]) for name in kinds), default=np.inf)
         if apart_m <= (SEEN_M if without_path else BLOCKED_M):
             yield "blocked by an obstacle"

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ValidationError, create_model
 from vastflow.oracles.judgment.oracle import Oracle, Parameters
 from vastflow.oracles.judgment.verdict import FORMER, Judgment, Verdict, warn_of_former
 from vastflow.oracles.observation.situation import Situation
-from vastflow.oracles.observation.trace import Reference, Trace
+from vastflow.oracles.observation.trace import CLEARANCES, Reference, Trace
 from vastflow.sim.model.files import Unreadable, read_json
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.loading import empty_module, frozen_builtins
@@ -140,7 +140,7 @@ SIGNALS: Final = (
     *("t_s", "x_m", "y_m", "yaw_rad", "estimated_x_m", "estimated_y_m", "estimated_yaw_rad"),
     *("speed_mps", "yaw_rate_radps"),
     *("localized", "localization_error_m", "stopped", "wall_clearance_m", "deviation_m"),
-    *("static_clearance_m", "appearing_clearance_m"),
+    *CLEARANCES,
 )
 
 

@@ -21,6 +21,7 @@ from vastflow.oracles.observation.trace import (
     Reference,
     levelled,
     reference_row,
+    signals_of,
 )
 from vastflow.sim.model.blocks import read_recordings, write_block
 from vastflow.sim.model.elementary import atan2s, hypots
@@ -156,17 +157,17 @@ class ScenarioObserver:
 
         `localization_error_mm`: distance between estimated and true position. `stopped`: 1 where the robot stands.
         `wall_clearance_mm`: distance of the robot's center to the nearest occupied cell, 0 inside one. `deviation_mm`: to the
-        reference path. `separation_mm/<size class>`: to the nearest obstacle's center. `static_clearance_mm` and
-        `appearing_clearance_mm`: to the nearest outline of obstacles that stand there from the start, and of others. All distances are
-        `NOWHERE_MM` without an object.
+        reference path. `separation_mm/<size class>`: to the nearest obstacle's center; of a mover `separation_mm/<name>`. `static_clearance_mm`,
+        `appearing_clearance_mm`, and `moving_clearance_mm`: to the nearest outline of obstacles that stand there from the start, of
+        others, and of movers. All distances are `NOWHERE_MM` without an object.
 
         Raises:
             ValueError: an event of an obstacle that the scenario does not have.
         """
         if not recording.columns:
             return NoReference("the scenario has no robot"), {}
-        obstacles = obstacle_tracks_of(self.situation, recording.run)
-        reference = self.references(tuple(track.obstacle for track in obstacles if track.was_there))
+        obstacles = obstacle_tracks_of(self.situation, recording.run, signals_of(recording.columns))
+        reference = self.references(tuple(track.obstacle for track in obstacles if track.was_there and not track.moves))
         x_m, y_m = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
         estimated_x_m, estimated_y_m = si(recording.columns["estimated_x_mm"]), si(recording.columns["estimated_y_mm"])
         derived = {"localization_error_mm": _mm(hypots(estimated_x_m - x_m, estimated_y_m - y_m))}
@@ -203,10 +204,10 @@ def distances_to(
     """Clearances and separations of the robot's center (N, 2), least over the obstacles of each kind and size class."""
     apart_m: dict[str, list[NDArray[np.float64]]] = {}
     for track in obstacles:
-        kind = "static" if track.was_there and track.appears_s is None else "appearing"
+        kind = "moving" if track.moves else "static" if track.was_there and track.appears_s is None else "appearing"
         apart_m.setdefault(f"{kind}_clearance_mm", []).append(track.clearance_m(t_ms, xy_m))
         centers_m = hypots(*(xy_m - track.at(t_ms)).T)
-        apart_m.setdefault(f"separation_mm/{track.obstacle.shape}", []).append(centers_m)
+        apart_m.setdefault(f"separation_mm/{track.group}", []).append(centers_m)
     return {name: _mm(np.min(apart_m[name], axis=0)) for name in sorted(apart_m, key=lambda name: ("/" in name, name))}
 
 

@@ -1,7 +1,7 @@
 """Obstacle tracks: the obstacles of a run and their places over time."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -23,19 +23,26 @@ _BEFORE_MS: Final = -1
 
 @dataclass(frozen=True, eq=False)
 class ObstacleTrack:
-    """The places of one obstacle during a run, constant between events.
+    """The places of one obstacle during a run, constant between events; a mover's between rows.
 
     Attributes:
         obstacle: Its shape and first pose.
         since_ms: (K >= 1,) start of each place, in order; the first is before the run.
         xy_m: (K, 2) its center; infinite while absent.
         yaw_rad: (K,)
+        moves: True for a body that moves by itself.
     """
 
     obstacle: Obstacle
     since_ms: NDArray[np.int64] = field(repr=False)
     xy_m: NDArray[np.float64] = field(repr=False)
     yaw_rad: NDArray[np.float64] = field(repr=False)
+    moves: bool = False
+
+    @property
+    def group(self) -> str:
+        """Obstacles whose separation is one signal: those of its size, or a mover's name."""
+        return self.obstacle.name if self.moves else str(self.obstacle.shape)
 
     @property
     def appears_s(self) -> float | None:
@@ -79,11 +86,16 @@ class ObstacleTrack:
         return np.searchsorted(self.since_ms, t_ms, side="right") - 1
 
 
-def obstacle_tracks_of(situation: Situation, run: Run) -> tuple[ObstacleTrack, ...]:
-    """Tracks of the situation's obstacles in order, then of spawned ones.
+def obstacle_tracks_of(
+    situation: Situation, run: Run, signals: Mapping[str, NDArray[np.float64]] | None = None
+) -> tuple[ObstacleTrack, ...]:
+    """Tracks of the situation's obstacles in order, then of spawned ones, then of movers.
 
     Obstacles without a trigger are there from the start, others from their event `spawned` on; `obstacle_moved` moves and `deleted`
     removes them. Among obstacles of one name an event means the nearest possible one.
+
+    Args:
+        signals: Those of a trace, which have the poses of movers; without them there are no tracks of movers.
 
     Raises:
         ValueError: an event of an obstacle that the scenario does not have.
@@ -107,10 +119,22 @@ def obstacle_tracks_of(situation: Situation, run: Run) -> tuple[ObstacleTrack, .
         there[k], last[k] = event.kind != _DELETED, (event.x_m, event.y_m)
         places[k].append((round(event.t_s * 1000.0), *(last[k] if there[k] else _AWAY), event.value))
     columns = [np.array(each).T for each in places]
-    return tuple(
+    standing = (
         ObstacleTrack(obstacle, since_ms.astype(np.int64), np.column_stack((x_m, y_m)), yaw_rad)
         for obstacle, (since_ms, x_m, y_m, yaw_rad) in zip(obstacles, columns, strict=True)
     )
+    return (*standing, *_moving(situation, signals or {}))
+
+
+def _moving(situation: Situation, signals: Mapping[str, NDArray[np.float64]]) -> Iterator[ObstacleTrack]:
+    for body in situation.movers:
+        if len(signals.get(f"mover_x_m/{body.name}", ())):
+            x_m, y_m, yaw_rad = (signals[f"mover_{part}/{body.name}"] for part in ("x_m", "y_m", "yaw_rad"))
+            since_ms = np.rint(signals["t_s"] * 1000.0).astype(np.int64)
+            since_ms[0] = _BEFORE_MS
+            pose = Pose(float(x_m[0]), float(y_m[0]), float(yaw_rad[0]))
+            obstacle = Obstacle(body.name, body.shape, pose)
+            yield ObstacleTrack(obstacle, since_ms, np.column_stack((x_m, y_m)), yaw_rad, moves=True)
 
 
 def spawned_by(run: Run) -> Iterator[Obstacle]:

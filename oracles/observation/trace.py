@@ -20,6 +20,9 @@ SI_SUFFIX: Mapping[str, str] = {
 }
 """Suffixes of stored columns to those of signals in SI units."""
 
+CLEARANCES: Final = ("static_clearance_m", "appearing_clearance_m", "moving_clearance_m")
+"""Signals of the distance to the nearest outline of a kind of obstacles."""
+
 NOWHERE_MM: Final = 2**31 - 1
 """Stored distance to an absent obstacle (infinite as a signal) or reference path (no signal)."""
 
@@ -57,6 +60,8 @@ class Trace:
             `localization_error_m`, `stopped` (1 where the robot stands), `wall_clearance_m`, `deviation_m` (to the reference path),
             `separation_m/<size class>` (to the nearest obstacle's center, infinite while there is none), `static_clearance_m` and
             `appearing_clearance_m` (to the nearest outline of obstacles from the start, and of later ones); absent without an object.
+            With movers: `mover_x_m/<name>`, `mover_y_m/<name>`, `mover_yaw_rad/<name>`, `separation_m/<name>`, and
+            `moving_clearance_m` (to the nearest outline of one).
         reference: The best path around the obstacles of this run, see `reference_path`.
         tables: CSV and parquet files of the run's programs: path below the run's folder, without suffix, to columns (M,).
     """
@@ -110,7 +115,7 @@ def signals_of(stored: Mapping[str, NDArray[np.int32]]) -> dict[str, NDArray[np.
     for each, column in stored.items():
         name = signal_name(each)
         signals[name] = column.astype(np.float64) if name == each else si(column)
-        if name.startswith("separation_m/") or name in ("static_clearance_m", "appearing_clearance_m"):
+        if name.startswith("separation_m/") or name in CLEARANCES:
             signals[name][column == NOWHERE_MM] = np.inf
         elif name.endswith(("m2", "rad2")):
             signals[name] = signals[name] * 1e-3

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter
 from vastflow.oracles.judgment.verdict import Metric, run_judgment
 from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
-from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, trace_of
+from vastflow.oracles.observation.trace import NOWHERE_MM, Reference, signals_of, trace_of
 from vastflow.oracles.query.scene import known_cells, known_extent_m, zones_of
 from vastflow.oracles.results.executed import KeptFiles, configuration_row, recordings_of, scenario_of_row
 from vastflow.oracles.results.schema import VERDICTS, rows_of
@@ -159,10 +159,11 @@ def frames_of(run: StoredRun, asked: str) -> tuple[dict[str, Any], dict[str, NDA
         return facts, {}
     situation, robot = situation_of(run.scenario), system_of(run.scenario.system, is_drawn=True).robot
     grids = [*_grids(run.scenario)]
+    signals = signals_of(run.recording.columns)
     facts |= {
         "robot": {"radius_m": robot.radius_m, "vertices": robot.vertices},
         "goals": [(goal.x_m, goal.y_m) for goal in situation.goals],
-        "obstacles": [_track_row(track) for track in obstacle_tracks_of(situation, run.recording.run)],
+        "obstacles": [_track_row(track) for track in obstacle_tracks_of(situation, run.recording.run, signals)],
         "activities": [*_standing(run.columns)],
         "nowhere": NOWHERE_MM,
         "grids": [{**place, "cells": f"grid {k}"} for k, (place, _) in enumerate(grids)],

@@ -10,6 +10,7 @@ from vastflow.sim.model.faults import Complaint, FileError, Got
 from vastflow.sim.model.obstacle import lists_obstacles, obstacle_of
 from vastflow.sim.model.pose import written_pose_of
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.reading.movers import MOVERS_KEY, movers_of
 from vastflow.sim.system.keys import CONTROLLER_KEY, FILE_KEY
 from vastflow.sim.system.system import system_kind, system_of
 
@@ -29,6 +30,8 @@ def complaint_of(
     if key == LOOPS_KEY:
         good = isinstance(value, int) and not isinstance(value, bool) and value >= 0
         return None if good else (Got(shown(value)), "a whole number, 0 or more")
+    if key == MOVERS_KEY:
+        return _said_by(lambda: movers_of({key: value}))
     if dimension == "environment" and isinstance(value, Sequence) and not isinstance(value, str):
         return next(filter(None, map(_obstacle_complaint, value)), None)
     return _parameter_complaint(key, value, system or {}) if dimension == "system" else None

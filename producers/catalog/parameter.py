@@ -22,9 +22,10 @@ from vastflow.sim.model.elementary import normals
 from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.obstacle import lists_obstacles
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.plug_ins.registry import plug_in_value
+from vastflow.sim.reading.movers import MOVERS_KEY, movers_value
 from vastflow.sim.system.robot import NOISE_MODEL_KEY
 from vastflow.sim.world.environment import WORLD_KEY
-from vastflow.sim.world.noise_registry import noise_value
 from vastflow.sim.world.world import world_content
 
 ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]
@@ -53,7 +54,9 @@ def _value(name: str | None, value: Any, info: ValidationInfo) -> Any:
     if value is None:
         raise ValueError("expected text, a number, true or false, a list or a map, got nothing")
     if name == NOISE_MODEL_KEY:
-        return noise_value(value, base)
+        return plug_in_value(value, base)
+    if name == MOVERS_KEY:
+        return movers_value(value, base)
     _json_value.validate_python(value)
     digest(value)  # a ValueError where it has none
     return value

@@ -45,13 +45,14 @@ from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.registry import plug_in_value
 from vastflow.sim.reading.abstract import hall_file
+from vastflow.sim.reading.movers import MOVERS_KEY, movers_value
 from vastflow.sim.system.facts import robot_words
 from vastflow.sim.system.keys import FOOTPRINT_NAMES, is_of_footprint
 from vastflow.sim.system.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.system.system import system_of
 from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, difference_of, world_files
-from vastflow.sim.world.noise_registry import noise_value
 from vastflow.sim.world.readers.reader import MissingWorld
 from vastflow.sim.world.world import free_unknown_cells, read_grid, world_content
 
@@ -120,7 +121,7 @@ class FamilyReader:
         places |= robot | self._overridden
         values |= {key: self._document.value(where) for key, where in robot.items()}
         if NOISE_MODEL_KEY in robot:
-            values[NOISE_MODEL_KEY] = noise_value(values[NOISE_MODEL_KEY], self._base)
+            values[NOISE_MODEL_KEY] = plug_in_value(values[NOISE_MODEL_KEY], self._base)
         values |= self._overrides
         tags = {key: dimension_of(key, value, dimensions.get(key)) for key, value in values.items()}
         for key in set(dimensions) - set(places):
@@ -227,8 +228,10 @@ class FamilyReader:
             places[key] = where
             if key == WORLD_KEY:
                 values[key] = self._world(where, value)
+            elif key == MOVERS_KEY:
+                values[key] = movers_value(value, self._base)
             elif key not in MAP_FILE_KEYS:
-                values[key] = noise_value(value, self._base) if key == NOISE_MODEL_KEY else value
+                values[key] = plug_in_value(value, self._base) if key == NOISE_MODEL_KEY else value
             elif content := self._map(where, value):
                 values[key] = content
         return places, values

@@ -18,6 +18,8 @@ from vastflow.sim.nav2.navigator.state import ROW_TICKS, SUBSTEPS, give, new_sta
 from vastflow.sim.nav2.navigator.tick import APPEARS, PHYSICS, advance, conclude, halt, start
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.motion import FREE, MOVING, Body
+from vastflow.sim.world.mover import MovingBody
+from vastflow.sim.world.mover_poses import MoverPoses
 from vastflow.sim.world.obstacle_rows import NOT_THERE, obstacle_rows, trigger_rows
 from vastflow.sim.world.physics import Physics
 from vastflow.sim.world.robot_model import Lidar, Robot
@@ -33,12 +35,14 @@ class ClosedLoop:
         obstacles: Those that stand from the start, and those that appear when the robot comes near.
         entropy: (seed, situation, run index), see `vastflow.sim.kernels.streams.run_entropy`.
         timeout_s: Simulated time at which the run ends.
+        movers: Bodies that move, whatever they meet.
 
     Attributes:
         stack: State of the stack after the last tick.
         body: The robot and the obstacles as they stand.
         last_tick: Number of ticks until the timeout.
-        obstacles: All that there ever were, in the order of `body.obstacles`.
+        movers: Poses of the bodies that move.
+        obstacles: All that there ever were, in the order of `body.obstacles`: first the movers, as they stand at the start.
         spawned: Those that were put into the world during the run.
         sent_s: Simulated time of the robot's first mission; None before.
     """
@@ -53,18 +57,22 @@ class ClosedLoop:
         obstacles: Sequence[Obstacle],
         entropy: Sequence[int],
         timeout_s: float,
+        movers: Sequence[MovingBody] = (),
     ) -> None:
         self.frame = frame = prepared.occupancy.frame
-        self.obstacles = every = [obstacle.in_grid(frame) for obstacle in obstacles]
+        self.last_tick = round(timeout_s / TICK_S)
+        self.movers = moving = MoverPoses(movers, frame, self.last_tick)
+        moving.look_ahead(0, start_pose)
+        at_start = (Obstacle(each.name, each.shape, moving.at(0, k)) for k, each in enumerate(movers))
+        self.obstacles = every = [*at_start, *(obstacle.in_grid(frame) for obstacle in obstacles)]
         start_pose, rows = frame.pose_to_grid(start_pose), obstacle_rows(every)
         pose = np.array([start_pose.x_m, start_pose.y_m, start_pose.yaw_rad])
-        self.body = Body(pose, robot.radius_m, rows, trigger_rows(every))
+        self.body = Body(pose, robot.radius_m, rows, trigger_rows(every), moving.table)
         self.stack = new_stack(prepared, parameters, lidar, robot, start_pose, rows, streams_of(entropy), timeout_s)
-        self.last_tick = round(timeout_s / TICK_S)
         self.spawned: list[Obstacle] = []
         self.sent_s: float | None = None
         # Without `self`: a reference cycle would keep a run's grids, some 20 MB, until garbage is collected.
-        self._make_physics: Callable[[], Physics] = lambda: Physics(robot, prepared.walls, every)
+        self._make_physics: Callable[[], Physics] = lambda: Physics(robot, prepared.walls, every, moving.table)
         self._physics: Physics | None = None
         start(self.stack.p, self.stack.m)
 
@@ -142,8 +150,9 @@ class ClosedLoop:
         halt(self.stack.m, self.stack.controller.bound)
 
     def standing(self, name: str) -> int | None:
-        """Return the number of the obstacle of this name that stands in the world now."""
-        named = (index for index, obstacle in enumerate(self.obstacles) if obstacle.name == name)
+        """Return the number of the obstacle of this name that stands in the world now; a mover does not stand."""
+        moving = self.body.movers.shape[1]
+        named = (index for index, obstacle in enumerate(self.obstacles) if index >= moving and obstacle.name == name)
         return next((index for index in named if math.isfinite(self.body.obstacles[index, 0])), None)
 
     def spawn(self, obstacle: Obstacle, pushable: bool) -> None:
@@ -155,7 +164,7 @@ class ClosedLoop:
         world.add(len(self.obstacles) - 1, self.now_s, pushable)
         rows = np.concatenate([self.body.obstacles, obstacle_rows([obstacle])])
         triggers = np.concatenate([self.body.triggers, trigger_rows([obstacle])])
-        self.body = Body(self.body.pose, self.body.radius_m, rows, triggers)
+        self.body = self.body._replace(obstacles=rows, triggers=triggers)
         self.stack = replace(self.stack, obstacles=rows)
 
     def delete(self, name: str) -> bool:
@@ -174,12 +183,13 @@ class ClosedLoop:
         while self.status == status:
             hold = self._physics.hold if self._physics else FREE
             state = stack.p, stack.m, stack.grids, stack.local, stack.cloud, stack.route
-            why = advance(*state, stack.controller.bound, stack.noise.bound, stack.rows, self.body, hold, until)
+            known = min(self.movers.look_ahead(self.tick, self.true_pose), until)
+            why = advance(*state, stack.controller.bound, stack.noise.bound, stack.rows, self.body, hold, known)
             if why == PHYSICS:
                 self._drive()
             elif why >= APPEARS:
                 self._appear(why - APPEARS)
-            else:
+            elif known == until:
                 return
 
     def conclude(self) -> None:

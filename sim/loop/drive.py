@@ -64,6 +64,7 @@ def recording_of(
     stack = loop.stack
     m = stack.m[0]
     columns = {name: stack.rows[: int(m["rows"]), k].copy() for k, name in enumerate(columns_of(stack.robot))}
+    columns |= loop.movers.columns_at(columns["t_ms"])
     events = [*(_event(row, loop.frame) for row in m["event_rows"][: int(m["events"])]), *loop.events]
     reasons = [ending.reason] if ending.reason else []
     if loop.sent_s is not None and float(m["distance"]) < STANDSTILL_M and ending.outcome != "succeeded":

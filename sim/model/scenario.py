@@ -71,6 +71,7 @@ DIMENSION_OF_KEY: Mapping[str, Dimension] = {
     "map_file": "environment",
     "mesh_file": "environment",
     "world": "environment",
+    "movers": "environment",
     "spawn_trigger_point": "environment",
     "spawn_trigger_threshold": "environment",
     "start_pose": "task",

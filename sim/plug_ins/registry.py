@@ -2,17 +2,19 @@
 
 import functools
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
+from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean, nearest
 from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
+from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot, snapshot_of
 
 FILE: Final = ".py:"
 """Name of a plug-in in a file, such as `my_pursuit.py:PurePursuit`."""
@@ -132,6 +134,24 @@ class Registry(Generic[PlugIn]):
             raise PlugInError(f"{name!r} is not a {self.noun}", right)
         return found
 
+    def of(self, value: Value) -> type[PlugIn]:
+        """Return the class that a configuration's value names: an entry point, or what `plug_in_value` gives.
+
+        Raises:
+            PlugInError: there is none, or the file is not the one that the campaign was read with.
+        """
+        if isinstance(value, str) and FILE not in value:
+            return self.find(value)
+        match value:
+            case [FileContent() as file, str() as name]:
+                path = Path(file.path)
+                kept = next(iter(file.plug_ins.values())) if isinstance(file, PlugInFile) else None
+                snapshot = kept or snapshot_of(path, path.parent)
+                if snapshot.digest != file.digest:
+                    raise PlugInError(f"{file.path} changed since the campaign was read", "run the campaign again")
+                return self.find(f"{path}:{name}", snapshot=snapshot)
+        raise PlugInError(f"unknown {self.noun} {value!r}", f"expected one of {', '.join(self.known)}, or {self.own}")
+
     def _class_of_file(self, name: str, file: Path, snapshot: Snapshot | None) -> object:
         class_name = name.rpartition(":")[2]
         if snapshot is None and not is_file(file):
@@ -153,6 +173,18 @@ class Registry(Generic[PlugIn]):
             raise PlugInError(f"{str(file)!r} has no class {class_name!r}", right)
         found: object = getattr(module, class_name)
         return found
+
+
+def plug_in_value(name: Value, base: Path) -> Value:
+    """Return the value of a plug-in's name: of `file.py:Class` below `base` the file and the class.
+
+    What names no file that can be copied stays as it is, and is a fault of the scenario.
+    """
+    if isinstance(name, str) and FILE in name and is_file(file := plug_in_file(name, base)):
+        with suppress(PlugInError):
+            snapshot = snapshot_of(file, base)
+            return [PlugInFile(str(file), snapshot.digest, {name: snapshot}), name.rpartition(":")[2]]
+    return name
 
 
 def plug_in_file(name: str, base: Path) -> Path:

@@ -19,12 +19,14 @@ from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.system.robot import lidar_of, robot_of
 from vastflow.sim.plug_ins.loading import code_value
 from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of, plain_value
+from vastflow.sim.reading.movers import movers_of
 from vastflow.sim.reading.script import NAVIGATIONS, Script, calls_of, script_of
 from vastflow.sim.reading.vocabulary import WORLDLY
 from vastflow.sim.system.robot import RobotParameters
 from vastflow.sim.system.system import NO_MASKS, Masks
 from vastflow.sim.world.difference import WorldDifference
 from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, difference_of, world_file_of
+from vastflow.sim.world.mover import MovingBody
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 _CACHED: Final = "checked_digest"
@@ -43,6 +45,7 @@ class RobotSetup:
         difference: How the world differs from the map; None where it does not.
         masks: Of the costmaps' filters.
         world_file: What the world is read from; None where that is the map.
+        movers: Bodies that move.
     """
 
     map_file: FileContent
@@ -53,6 +56,7 @@ class RobotSetup:
     difference: WorldDifference | None = None
     masks: Masks = NO_MASKS
     world_file: FileContent | None = None
+    movers: tuple[MovingBody, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -149,7 +153,15 @@ def _robot(scenario: Scenario, script: Script) -> RobotSetup:
         parameters = parameters.model_copy(update={"robot": _NOT_DESCRIBED})
     world = scenario.environment.get(WORLD_KEY)
     return RobotSetup(
-        content, script.start, parameters, robot, lidar, difference_of(world), masks, world_file_of(world)
+        content,
+        script.start,
+        parameters,
+        robot,
+        lidar,
+        difference_of(world),
+        masks,
+        world_file_of(world),
+        movers_of(scenario.environment),
     )
 
 
@@ -161,6 +173,7 @@ def _digested(robot: RobotSetup) -> Value:
         *(code_value(type(each)) for each in (parameters.controller, parameters.planner, parameters.lidar_noise)),
         repr((robot.robot, robot.lidar)),
         *(() if robot.difference is None else (repr(robot.difference),)),
+        *((repr(body), code_value(type(body.rule))) for body in robot.movers),
         *(() if robot.masks == NO_MASKS else (robot.masks.keepout, robot.masks.speed)),
     ]
 

@@ -76,12 +76,14 @@ class Body(NamedTuple):
         triggers: (K, 5) float64 x, y of each obstacle's trigger point, the distance from it within which the robot triggers the
             obstacle, the ticks from then until it appears, and the tick at which it does. The distance is negative for one that
             was triggered or never will be, the tick infinite until it is triggered and once it has appeared.
+        movers: (T, M, 3) float64 x, y, yaw at each tick of the first M obstacles, which move.
     """
 
     pose: Any
     radius_m: float
     obstacles: Any
     triggers: Any
+    movers: Any
 
 
 @inner
@@ -98,6 +100,19 @@ def due(body: Body, tick: int) -> int:
     return -1
 
 
+@inner
+def place_movers(body: Body, tick: int, share: float) -> None:
+    """Place the movers where they are at a share of the way from a tick to the next."""
+    for k in range(body.movers.shape[1]):
+        here, row = body.movers[tick, k], body.obstacles[k]
+        x, y, yaw = here[0], here[1], here[2]
+        if share > 0.0:
+            there = body.movers[tick + 1, k]
+            x, y = x + share * (there[0] - x), y + share * (there[1] - y)
+            yaw += share * wrapped(there[2] - yaw)
+        row[0], row[1], row[2], row[3] = x, y, math.cos(yaw), math.sin(yaw)
+
+
 @njit
 def move_freely(
     skips: SkipTable,
@@ -108,31 +123,36 @@ def move_freely(
     velocities: Any,
     dt_s: float,
     hold: int,
+    tick: int,
 ) -> bool:
     """Move the body by (speed, yaw rate, speed to the left) a step; False where the engine has to.
 
     Args:
-        hold: FREE, TOUCHING or MOVING. A robot in contact moves freely only while it stands still.
+        hold: FREE, TOUCHING or MOVING. A robot in contact moves freely only while it stands still and no mover comes to it.
+        tick: The tick that it is moved in.
     """
-    if hold != FREE:
-        return hold == TOUCHING and not np.any(velocities)
+    if hold == MOVING or (hold == TOUCHING and np.any(velocities)):
+        return False
+    near = body.obstacles.shape[0] if hold == FREE else body.movers.shape[1]
     x, y, yaw = body.pose[0], body.pose[1], body.pose[2]
     column, row = (x - origin_x_m) / resolution_m, (y - origin_y_m) / resolution_m
     reach_m = body.radius_m + MARGIN_M
     driven_m = 0.0
     for k in range(velocities.shape[0]):
         driven_m += (abs(velocities[k, 0]) + abs(velocities[k, 2])) * dt_s
-    near_walls = free_square(skips, column, row) * resolution_m < reach_m + driven_m
+    near_walls = hold == FREE and free_square(skips, column, row) * resolution_m < reach_m + driven_m
     for k in range(velocities.shape[0]):
         x, y, yaw = moved(x, y, yaw, velocities[k, 0], velocities[k, 1], velocities[k, 2], dt_s)
         if near_walls:
             column, row = (x - origin_x_m) / resolution_m, (y - origin_y_m) / resolution_m
             if _meets_wall(skips, column, row, reach_m / resolution_m):
                 return False
-        for o in range(body.obstacles.shape[0]):
+        place_movers(body, tick, (k + 1) / velocities.shape[0])
+        for o in range(near):
             if _meets(body.obstacles[o], x, y, reach_m):
                 return False
-    body.pose[0], body.pose[1], body.pose[2] = x, y, yaw
+    if hold == FREE:
+        body.pose[0], body.pose[1], body.pose[2] = x, y, yaw
     return True
 
 

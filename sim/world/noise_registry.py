@@ -1,15 +1,9 @@
 """Lidar noise by name, from the entry-point group or a file next to the campaign; needs no numba."""
 
-from contextlib import suppress
-from pathlib import Path
 from typing import Final
 
-from vastflow.sim.model.digest import Value
-from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterGroup, parameter
-from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.registry import FILE, Registry, plug_in_file
-from vastflow.sim.plug_ins.snapshot import PlugInFile, snapshot_of
+from vastflow.sim.plug_ins.registry import Registry
 from vastflow.sim.world.noise import LidarNoise
 
 
@@ -36,15 +30,3 @@ GAUSSIAN_DROPOUT: Final = "gaussian_dropout"
 """The model of a campaign that names none."""
 
 find_lidar_noise = NOISE_PLUG_INS.find
-
-
-def noise_value(name: Value, base: Path) -> Value:
-    """Return the value of a model's name: of `file.py:Class` below `base` the file and the class.
-
-    What names no file that can be copied stays as it is, and is a fault of the scenario.
-    """
-    if isinstance(name, str) and FILE in name and is_file(file := plug_in_file(name, base)):
-        with suppress(PlugInError):
-            snapshot = snapshot_of(file, base)
-            return [PlugInFile(str(file), snapshot.digest, {name: snapshot}), name.rpartition(":")[2]]
-    return name

@@ -17,6 +17,7 @@ from pymunk._chipmunk_cffi import ffi
 
 from vastflow.sim.model.elementary import cos_sin, dist, hypot
 from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Event
 from vastflow.sim.model.shape import Box, Disc
 from vastflow.sim.world.motion import FREE, MOVING, TOUCHING, chord_mps
@@ -85,14 +86,18 @@ class Physics:
     """Bodies and contacts of one run. Walls join the space tile by tile as a body comes near them.
 
     Args:
-        obstacles: Those that stand from the start, that appear, and that are added later; obstacles are numbered in this sequence.
+        obstacles: Those that move, that stand from the start, that appear, and that are added later; obstacles are numbered in
+            this sequence.
+        movers: (T, M, 3) poses of the first M at each tick, see `vastflow.sim.world.motion.Body`.
 
     Attributes:
         events: `contact` of the robot with a wall or an obstacle (value: closing speed, m/s), `spawned`, `obstacle_moved` and
             `deleted` at an obstacle's center (value: its yaw, rad), in the order they happened.
     """
 
-    def __init__(self, robot: Robot, walls: WallIndex, obstacles: Sequence[Obstacle]) -> None:
+    def __init__(
+        self, robot: Robot, walls: WallIndex, obstacles: Sequence[Obstacle], movers: NDArray[np.float64]
+    ) -> None:
         self._space = pymunk.Space()
         self._space.collision_slop = 0.0005
         # A step moves the body before contacts are solved, so an overlap must be undone within one step: at the default rate a
@@ -103,7 +108,7 @@ class Physics:
         self._tiles: set[tuple[int, int]] = set()
         self._time_s = 0.0
         self._names: dict[pymunk.Shape, str] = {}
-        self._obstacles = obstacles
+        self._obstacles, self._movers = obstacles, movers
         self._fixed: dict[int, pymunk.Body] = {}
         self._appeared: dict[int, pymunk.Body] = {}
         self._moving: set[int] = set()
@@ -123,14 +128,16 @@ class Physics:
         self._space.add(self._robot, *shapes)
         for index, obstacle in enumerate(obstacles):
             if obstacle.trigger is None:
-                self._fix(index)
+                self._fix(index, pymunk.Body.KINEMATIC if index < movers.shape[1] else pymunk.Body.STATIC)
         for partner in (WALL, OBSTACLE):
             self._space.on_collision(ROBOT, partner, begin=self._touch, separate=self._part)
 
     @property
     def hold(self) -> int:
         """State of the engine after the last tick: FREE, TOUCHING or MOVING."""
-        if self._moving or (self._touching and self._displaced):
+        # A mover pushes what can be pushed wherever the robot is.
+        pushing = bool(self._appeared) and self._movers.shape[1] > 0
+        if self._moving or pushing or (self._touching and self._displaced):
             return MOVING
         return TOUCHING if self._touching else FREE
 
@@ -144,6 +151,7 @@ class Physics:
         robot.position = float(pose[0]), float(pose[1])
         robot.angle = float(pose[2])
         self._approach(robot.position)
+        self._carry(round(t_s / TICK_S))
         for v_mps, w_radps, vy_mps in velocities:
             wanted = pymunk.Vec2d(*chord_mps(v_mps, w_radps, vy_mps, robot.angle, dt_s))
             robot.velocity = self._with_traction(wanted, dt_s) if self._touching else wanted
@@ -249,9 +257,17 @@ class Physics:
                 wall.collision_type = WALL
                 self._space.add(wall)
 
-    def _fix(self, index: int) -> None:
+    def _carry(self, tick: int) -> None:
+        """Place the movers as they are at a tick, and let them go to where they are at the next."""
+        for k in range(self._movers.shape[1]):
+            body, (here, there) = self._fixed[k], self._movers[tick : tick + 2, k].tolist()
+            body.position, body.angle = (here[0], here[1]), here[2]
+            body.velocity = (there[0] - here[0]) / TICK_S, (there[1] - here[1]) / TICK_S
+            body.angular_velocity = math.remainder(there[2] - here[2], math.tau) / TICK_S
+
+    def _fix(self, index: int, kind: int = pymunk.Body.STATIC) -> None:
         obstacle = self._obstacles[index]
-        body = pymunk.Body(body_type=pymunk.Body.STATIC)
+        body = pymunk.Body(body_type=kind)
         body.position, body.angle = (obstacle.pose.x_m, obstacle.pose.y_m), obstacle.pose.yaw_rad
         _turn_by_own_functions(body)
         self._space.add(body, self._shape(obstacle, body))
@@ -314,7 +330,7 @@ def _turn_by_own_functions(body: pymunk.Body) -> None:
     if list(transform) != [found.x, found.y, -found.y, found.x]:
         raise RuntimeError(f"pymunk {pymunk.version}: a body has its transform in another place")
     turn()
-    if body.body_type == pymunk.Body.DYNAMIC:
+    if body.body_type != pymunk.Body.STATIC:
         body.position_func = move
 
 

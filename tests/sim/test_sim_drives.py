@@ -156,7 +156,7 @@ def test_engine_moves_an_omni_robot_as_it_moves_freely():
     steps = [(0.3, 0.5, -0.4)] * SUBSTEPS
     pose, expected = np.array([1.0, 1.0, 0.2]), (1.0, 1.0, 0.2)
     empty = OccupancyMap(np.zeros((40, 40), dtype=np.int8), 0.05, (0.0, 0.0))
-    Physics(Robot(drive="omni"), WallIndex(empty), ()).drive(pose, steps, 0.01, 0.0)
+    Physics(Robot(drive="omni"), WallIndex(empty), (), np.zeros((1, 0, 3))).drive(pose, steps, 0.01, 0.0)
     for v_mps, w_radps, vy_mps in steps:
         expected = moved(*expected, v_mps, w_radps, vy_mps, 0.01)
     assert pose == pytest.approx(expected, abs=1e-9)

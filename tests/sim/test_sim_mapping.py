@@ -44,7 +44,13 @@ def after_a_tick(prepared, scenario):
         stack = give(stack, Mission("navigate_to_pose", (Pose(7.0, 4.0),)))
         stack.local.layer[:] = before
         stack.grids.layer[:] = before
-        body = Body(np.array([here.x_m, here.y_m, here.yaw_rad]), Robot().radius_m, rows, trigger_rows(standing))
+        body = Body(
+            np.array([here.x_m, here.y_m, here.yaw_rad]),
+            Robot().radius_m,
+            rows,
+            trigger_rows(standing),
+            np.zeros((2, 0, 3)),
+        )
         state = stack.p, stack.m, stack.grids, stack.local, stack.cloud, stack.route
         advance(*state, stack.controller.bound, stack.noise.bound, stack.rows, body, FREE, 1)
         return stack

@@ -22,6 +22,8 @@ from vastflow.sim.world.robot_model import Robot
 from vastflow.sim.world.skip_table import skip_table_of
 
 DT_S = 0.01
+STILL = np.zeros((2, 0, 3))
+"""Poses of no movers."""
 ROBOT = Robot()
 RESOLUTION_M = 0.05
 ORIGIN = (-1.0, 2.0)
@@ -34,9 +36,11 @@ POSES = st.tuples(st.floats(-1.2, 1.4), st.floats(1.8, 4.2), st.floats(-4, 4))
 
 def free_motion(occupancy, pose, velocities, obstacles=(), hold=FREE):
     """Whether the kernel moves the body, and where it then is."""
-    body = Body(np.array(pose, dtype=np.float64), ROBOT.radius_m, obstacle_rows(obstacles), trigger_rows(obstacles))
+    body = Body(
+        np.array(pose, dtype=np.float64), ROBOT.radius_m, obstacle_rows(obstacles), trigger_rows(obstacles), STILL
+    )
     skips = skip_table_of(occupancy.occupied)
-    free = motion.move_freely(skips, occupancy.resolution_m, *occupancy.origin_xy_m, body, velocities, DT_S, hold)
+    free = motion.move_freely(skips, occupancy.resolution_m, *occupancy.origin_xy_m, body, velocities, DT_S, hold, 0)
     return free, body.pose
 
 
@@ -63,7 +67,7 @@ def test_body_moves_freely_beyond_a_millimeter_from_walls_as_in_the_engine(grid,
     if abs(away - ROBOT.radius_m - MARGIN_M) > 1e-9:
         assert free == (away > ROBOT.radius_m + MARGIN_M)
     if free:
-        world, driven = Physics(ROBOT, WallIndex(occupancy), ()), np.array(pose)
+        world, driven = Physics(ROBOT, WallIndex(occupancy), (), STILL), np.array(pose)
         world.drive(driven, velocities.tolist(), DT_S, 0.0)
         assert driven == pytest.approx(after, abs=1e-12)
         assert not world.events

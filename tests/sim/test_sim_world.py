@@ -43,7 +43,7 @@ class Driven:
 
     def __init__(self, start, obstacles=(), walls=None, robot=ROBOT):
         self.robot = robot
-        self.world = Physics(robot, walls or hall(), obstacles)
+        self.world = Physics(robot, walls or hall(), obstacles, np.zeros((1, 0, 3)))
         self.pose = np.array([start.x_m, start.y_m, start.yaw_rad])
         self.t_s = 0.0
 

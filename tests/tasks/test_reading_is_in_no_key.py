@@ -33,18 +33,20 @@ RESULTS_OF_READING = {
     "vastflow.sim.world.readers.reader.known_reader",
     "vastflow.sim.world.readers.reader.read_file",
     "vastflow.sim.world.readers.reader.reader_of",
+    "vastflow.sim.reading.movers.movers_of",
+    "vastflow.sim.reading.movers.movers_value",
     "vastflow.sim.reading.script.script_of",
     "vastflow.sim.world.environment.difference_of",
     "vastflow.sim.world.environment.world_of",
     "vastflow.sim.system.system.system_of",
-    "vastflow.sim.world.noise_registry.noise_value",
+    "vastflow.sim.plug_ins.registry.plug_in_value",
 }
 """What stages call to read what keys have the value of."""
 
 WORDS_ONLY = {"vastflow.sim.model.names.did_you_mean", "vastflow.sim.model.names.nearest"}
 """Whose result stands in messages alone."""
 
-REFUSALS = {"vastflow.sim.scenario.definition.behaviors_of"}
+REFUSALS = {"vastflow.sim.model.parameter.parameter", "vastflow.sim.scenario.definition.behaviors_of"}
 """What finds a scenario that is refused before it runs, so that no result follows from it."""
 
 

@@ -27,7 +27,7 @@ from vastflow.sim.nav2.navigator.mapping import clear_global, clear_local, publi
 from vastflow.sim.nav2.navigator.profile import lap
 from vastflow.sim.nav2.navigator.state import SUBSTEPS, Grids, Local, Route
 from vastflow.sim.world import lidar
-from vastflow.sim.world.motion import Body, due, limited, move_freely, moved, steered, wrapped
+from vastflow.sim.world.motion import Body, due, limited, move_freely, moved, place_movers, steered, wrapped
 from vastflow.sim.world.noise import Scan
 
 DONE, PHYSICS, APPEARS = 0, 1, 2
@@ -76,6 +76,7 @@ def advance(
         index = due(body, m.tick)
         if index >= 0:
             return APPEARS + index
+        place_movers(body, m.tick, 0.0)
         _see_truth(m, body.pose[0], body.pose[1], body.pose[2])
         lap(m, profile.RECORDING)
         lap(m, profile.CLOCK)
@@ -97,9 +98,10 @@ def advance(
             _record(p, m, rows)
         m.tick += 1
         lap(m, profile.RECORDING)
-        if not move_freely(
-            g.skips, p.world_resolution, p.origin_x, p.origin_y, body, m.velocities, TICK_S / SUBSTEPS, hold
-        ):
+        place = g.skips, p.world_resolution, p.origin_x, p.origin_y
+        is_free = move_freely(*place, body, m.velocities, TICK_S / SUBSTEPS, hold, m.tick - 1)
+        place_movers(body, m.tick - 1, 0.0)
+        if not is_free:
             return PHYSICS
         lap(m, profile.MOTION)
     return DONE

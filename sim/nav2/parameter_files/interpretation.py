@@ -2,10 +2,9 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Fault, FileError, Got, Place
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.model.polygon import area_of, vertices_of
@@ -40,7 +39,6 @@ from vastflow.sim.nav2.parameters.servers import (
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import FILE
-from vastflow.sim.plug_ins.snapshot import PlugInFile, snapshot_of
 from vastflow.sim.system.keys import RELEASES
 from vastflow.sim.system.robot import (
     IDEAL,
@@ -221,23 +219,10 @@ def _check_turning_radius(reader: Reader, parts: Parts) -> None:
 
 
 def noise_of(chosen: Value) -> type[ParameterGroup]:
-    """Return the parameters of the model that a value names.
-
-    Raises:
-        PlugInError: there is none, or the file is not the one that the campaign was read with.
-    """
+    """Return the parameters of the model that a value names; raises as `Registry.of`."""
     if isinstance(chosen, str) and FILE not in chosen:
         return NOISE_PLUG_INS.parameters(chosen)
-    match chosen:
-        case [FileContent() as file, str() as name]:
-            path = Path(file.path)
-            kept = next(iter(file.plug_ins.values())) if isinstance(file, PlugInFile) else None
-            snapshot = kept or snapshot_of(path, path.parent)
-            if snapshot.digest != file.digest:
-                raise PlugInError(f"{file.path} changed since the campaign was read", "run the campaign again")
-            return NOISE_PLUG_INS.find(f"{path}:{name}", snapshot=snapshot)
-    known = ", ".join(NOISE_PLUG_INS.known)
-    raise PlugInError(f"unknown lidar noise model {chosen!r}", f"expected one of {known}, or {NOISE_PLUG_INS.own}")
+    return NOISE_PLUG_INS.of(chosen)
 
 
 def _lidar_noise(reader: Reader) -> ParameterGroup:
