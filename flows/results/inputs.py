@@ -24,7 +24,7 @@ from vastflow.sim.plug_ins.loading import check_permitted, snapshot_behind
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot, plug_ins_in
 from vastflow.sim.scenario.language.reading import files_of
 from vastflow.sim.system.keys import FILE_KEY
-from vastflow.sim.world.readers.reader import files_of_world
+from vastflow.sim.world.readers.reader import files_of_world, reader_of
 from vastflow.sim.world.world import World, world_at
 from vastflow.tasks.engine.evaluation import content_of, files_in, producers_in
 from vastflow.tasks.store.artifact import inside
@@ -65,7 +65,8 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     plug_in_files = plug_ins_in([*fixed, *(content_of(producer.parameters) for producer in producers)])
     parameter_files = files_in(*(values.pop(FILE_KEY, None) for values in fixed))
     map_files = files_in(*fixed, *(p.parameters for p in producers))
-    map_files = {key: file for key, file in map_files.items() if all(each.digest != key for each in plug_in_files)}
+    code = {each.digest for each in plug_in_files if reader_of(Path(each.path)) is None}
+    map_files = {key: file for key, file in map_files.items() if key not in code}
     kept = _Kept(base)
     for parameter_file in map(Path, parameter_files.values()):
         kept.keep(parameter_file)

@@ -26,7 +26,7 @@ from vastflow.sim.plug_ins.registry import plug_in_value
 from vastflow.sim.reading.movers import MOVERS_KEY, movers_value
 from vastflow.sim.system.robot import NOISE_MODEL_KEY
 from vastflow.sim.world.environment import WORLD_KEY
-from vastflow.sim.world.world import world_content
+from vastflow.sim.world.readers.own import world_value
 
 ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]
 ParameterKind: TypeAlias = Literal["int", "integer", "float", "double", "number", "bool", "boolean", "str", "string"]
@@ -50,7 +50,7 @@ def _value(name: str | None, value: Any, info: ValidationInfo) -> Any:
         return map_value(value, info)
     base = Path((info.context or {}).get("base", "."))
     if name == WORLD_KEY and isinstance(value, str):
-        return world_content(base / value)
+        return world_value(value, base)
     if value is None:
         raise ValueError("expected text, a number, true or false, a list or a map, got nothing")
     if name == NOISE_MODEL_KEY:

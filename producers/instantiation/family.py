@@ -53,8 +53,9 @@ from vastflow.sim.system.keys import FOOTPRINT_NAMES, is_of_footprint
 from vastflow.sim.system.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.system.system import system_of
 from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, difference_of, world_files
+from vastflow.sim.world.readers.own import world_value
 from vastflow.sim.world.readers.reader import MissingWorld
-from vastflow.sim.world.world import free_unknown_cells, read_grid, world_content
+from vastflow.sim.world.world import free_unknown_cells, read_grid
 
 OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")
 
@@ -255,7 +256,7 @@ class FamilyReader:
     def _world(self, location: Location, value: Value) -> Value:
         try:
             if isinstance(value, str):
-                return world_content(self._base / value)
+                return world_value(value, self._base)
             difference_of(value)
         except ValueError as error:  # ScenarioError; ValueError for a NUL in the path
             self.faults.append(self._document.fault(location, str(error).removeprefix(f"{WORLD_KEY}: ")))

@@ -63,9 +63,10 @@ def reader_of(path: Path) -> type[WorldReader] | None:
 
 
 def _readers() -> Iterator[type[WorldReader]]:
-    from vastflow.sim.world.map_file import RosMap  # which imports the errors of this module
+    from vastflow.sim.world.map_file import RosMap  # which imports the errors of this module, as does the next
+    from vastflow.sim.world.readers.own import Bodies
 
-    yield RosMap
+    yield from (RosMap, Bodies)
     yield from filter(None, (installed_plug_in(GROUP, name) for name in known_plug_ins(GROUP)))
 
 
