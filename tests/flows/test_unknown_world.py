@@ -113,3 +113,15 @@ def test_campaign_directory_keeps_walls_of_world_without_map(campaign, tmp_path)
     assert folder.name == made[0].scenario.environment["world"].digest
     with Image.open(folder / "map.pgm") as picture:
         assert np.count_nonzero(np.asarray(picture) == 0) == world_of(made[0].scenario.environment).walls.occupied.sum()
+
+
+def test_paths_are_drawn_on_world_beside_a_map_where_producer_asks(campaign, tmp_path):
+    """Nothing on the map is known to be free, so that it has no path."""
+    (tmp_path / "gray.pgm").write_bytes(b"P5 240 240 255\n" + bytes([205] * 240 * 240))
+    (tmp_path / "gray.yaml").write_text("{image: gray.pgm, resolution: 0.05, origin: [-6, -6, 0], free_thresh: 0.196}")
+    file = campaign("posts.csv")
+    text = file.read_text().replace("- world:", "- map_file: gray.yaml\n      - world:")
+    file.write_text(text)
+    assert not instantiate(load_campaign(file)).configurations
+    file.write_text(text.replace("seed: 1", "seed: 1, map_file: '@world'"))
+    assert len(instantiate(load_campaign(file)).configurations) == 4

@@ -1,5 +1,7 @@
 """Worlds from files of their own: circles and Gazebo's SDF."""
 
+import csv
+import gzip
 import math
 
 import numpy as np
@@ -378,6 +380,22 @@ def test_maze_of_mrpb_has_walls_of_its_map():
     world = walls.occupied.reshape(rows, fold, columns, fold).any(axis=(1, 3))
     for a, b in ((occupancy.occupied, world), (world, occupancy.occupied)):
         assert a.any() and not (a & ~ndimage.binary_dilation(b, np.ones((3, 3)))).any()
+    alone = read_world(world_content(folder / "maze.world")).walls
+    at = np.floor(alone.in_cells(walls.centers_of(np.argwhere(walls.occupied)))).astype(np.int64)
+    assert ndimage.binary_dilation(alone.occupied, np.ones((3, 3)))[tuple(at.T)].all()
+
+
+@each_row("number", ["0", "150", "299"])
+def test_cylinders_of_barn_are_walls_of_world_without_map(tmp_path, number):
+    folder = SHARED / "upstream" / "barn"
+    if not folder.is_dir():
+        pytest.skip("the worlds of BARN are not beside the repository: https://www.cs.utexas.edu/~xiao/BARN/BARN.html")
+    with gzip.open(folder / "barn-cylinders.csv.gz", "rt") as file:
+        posts = [(row["x"], row["y"]) for row in csv.DictReader(file) if row["world"] == number]
+    (tmp_path / "barn.csv").write_text("x,y,radius\n" + "".join(f"{x},{y},0.075\n" for x, y in posts))
+    world = read_world(world_content(tmp_path / "barn.csv"))
+    assert len(world.bodies) == len(posts) > 100 and world.map is None
+    assert all(world.walls.occupied[world.walls.cell_of(float(x), float(y))] for x, y in posts)
 
 
 def test_world_without_map_has_grid_around_its_bodies(tmp_path):
