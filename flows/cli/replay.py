@@ -25,8 +25,8 @@ FILM_EVERY_S: Final = 0.5
 SPEED: Final = 2.0
 """Speed of a film, as a multiple of simulated time."""
 KINDS: Final = (".mp4", ".gif")
-MOST_BYTES: Final = 1_000_000
-"""Size of a GIF, which pages show beside their text."""
+LAST_MS: Final = 2000
+"""Duration of a film's last picture."""
 STRIP: Final = "strip.png"
 FRAMES: Final = "frames"
 
@@ -62,7 +62,7 @@ def replay(
     until: Annotated[float | None, typer.Option("--to", metavar="S", help="Last time to draw.")] = None,
     film: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Make a film too: .mp4 (H.264), or .gif of at most 1 MB."),
+        typer.Option(metavar="FILE", help="Make a film too: .mp4 (H.264), or .gif for a README."),
     ] = None,
     out: Out = None,
     trust: Trust = False,
@@ -224,17 +224,14 @@ def _draw(folder: Path, story: "Story", replayed: "Replay", ticks: list[int]) ->
 
 def _write_film(file: Path, story: "Story", replayed: "Replay", asked: ShownTicks, every_s: float) -> None:
     """Write a film of twice the simulated speed."""
-    from vastflow.oracles.figures.film import FilmError
-    from vastflow.oracles.replay.still import write_film
+    from vastflow.oracles.figures.film import FilmError, write_film
+    from vastflow.oracles.replay.still import still_images
 
     shown = set(asked.film)
     snapshots = [snapshot for snapshot in replayed.snapshots if snapshot.moment.tick in shown]
     file.parent.mkdir(parents=True, exist_ok=True)
     print(f"drawing a film of {len(snapshots)} pictures", file=sys.stderr)
-    most_bytes = None if file.suffix.lower() == ".mp4" else MOST_BYTES
     try:
-        kept = write_film(file, story, snapshots, round(1000 * every_s / SPEED), most_bytes)
+        write_film(file, still_images(story, snapshots), round(1000 * every_s / SPEED), LAST_MS)
     except FilmError as error:
         raise UserError(f"--film {file}: {error}") from None
-    if kept < len(snapshots):
-        print(f"{file} has {kept} of {len(snapshots)} pictures, to stay below {MOST_BYTES / 1e6:g} MB", file=sys.stderr)

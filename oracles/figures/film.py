@@ -1,4 +1,4 @@
-"""Films: pictures of one size as MP4 (H.264); the same pictures give the same bytes."""
+"""Films: pictures of one size as MP4 (H.264) or GIF; the same pictures give the same bytes."""
 
 import subprocess
 from collections.abc import Iterable, Iterator
@@ -10,14 +10,18 @@ from PIL import Image
 
 _SAID: Final = 500
 """Characters of ffmpeg's complaint that are kept, the last ones."""
+_GIF: Final = (
+    "scale=trunc(iw*0.55):-1:flags=area,split[a][b];[a]palettegen=max_colors=64[p];[b][p]paletteuse=dither=none"
+)
+"""Filter of ffmpeg for a size and colors at which 30 s of film are about 1 MB, and words readable."""
 
 
 class FilmError(Exception):
     """A film can't be encoded."""
 
 
-def write_mp4(file: Path, pictures: Iterable[Image.Image], picture_ms: int, last_ms: int = 0, crf: int = 23) -> None:
-    """Write RGB pictures as H.264, which every browser plays.
+def write_film(file: Path, pictures: Iterable[Image.Image], picture_ms: int, last_ms: int = 0, crf: int = 23) -> None:
+    """Write RGB pictures (one or more) as H.264, which every browser plays, or smaller as GIF if `file` has that suffix.
 
     Args:
         picture_ms: Duration of a picture.
@@ -30,16 +34,20 @@ def write_mp4(file: Path, pictures: Iterable[Image.Image], picture_ms: int, last
     """
     waiting = iter(pictures)
     first = next(waiting)
+    # H.264 halves the resolution of colors, so both sides are even. One thread and no version of the encoder in the file: its bytes
+    # follow from the pictures.
+    kind = [
+        *("-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p"),
+        *("-c:v", "libx264", "-preset", "fast", "-tune", "animation", "-crf", str(crf)),
+        *("-fflags", "+bitexact", "-flags:v", "+bitexact", "-bsf:v", "filter_units=remove_types=6"),
+        *("-movflags", "+faststart", "-f", "mp4"),
+    ]
     command = [
         _encoder(),
         *("-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{first.width}x{first.height}"),
-        *("-framerate", f"1000/{picture_ms}", "-i", "-", "-an", "-map_metadata", "-1"),
-        # H.264 halves the resolution of colors, so both sides are even.
-        *("-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p"),
-        # One thread and no version of the encoder in the file: its bytes follow from the pictures.
-        *("-c:v", "libx264", "-preset", "fast", "-tune", "animation", "-crf", str(crf), "-threads", "1"),
-        *("-fflags", "+bitexact", "-flags:v", "+bitexact", "-bsf:v", "filter_units=remove_types=6"),
-        *("-movflags", "+faststart", "-f", "mp4", "-y", str(file)),
+        *("-framerate", f"1000/{picture_ms}", "-i", "-", "-an", "-map_metadata", "-1", "-threads", "1"),
+        *(["-vf", _GIF, "-f", "gif"] if file.suffix.lower() == ".gif" else kind),
+        *("-y", str(file)),
     ]
     file.touch()  # so that a folder that can't be written is an OSError
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as encoder:

@@ -10,7 +10,7 @@ from typing import Final
 from vastflow.oracles.evidence.causes import CauseCount
 from vastflow.oracles.figures.case_figure import case_of
 from vastflow.oracles.figures.drawing import Before, Drawing, Files
-from vastflow.oracles.figures.film import FilmError, write_mp4
+from vastflow.oracles.figures.film import FilmError, write_film
 from vastflow.oracles.figures.run_film import LAST_MS, PICTURE_MS, FilmedRun
 from vastflow.oracles.page.words import number
 from vastflow.oracles.results.executed import KeptFiles
@@ -80,7 +80,7 @@ def _encoded(filmed: FilmedRun) -> Files:
     with TemporaryDirectory(prefix="vastflow-") as folder:
         file = Path(folder, "film.mp4")
         try:
-            write_mp4(file, pictures, PICTURE_MS, LAST_MS, _CRF)
+            write_film(file, pictures, PICTURE_MS, LAST_MS, _CRF)
         except FilmError as error:
             LOGGER.warning("the report has no film: %s", error)
             return {"mp4": b""}

@@ -1,21 +1,18 @@
-"""Stills, strips, and films: moments of a replayed run on a page, placed in inches from the upper left corner."""
+"""Stills and strips: moments of a replayed run on a page, placed in inches from the upper left corner."""
 
 import textwrap
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from vastflow.oracles.figures.film import write_mp4
 from vastflow.oracles.figures.maps import draw_zones, zone_handles
-from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK, OBSTACLE_COLOR, SOFT_INK
+from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK, SOFT_INK
 from vastflow.oracles.replay import close_up
 from vastflow.oracles.replay.story import RECENT_TICKS, Story, doing, numbers
 from vastflow.sim.replay import Box, TickSnapshot
@@ -130,20 +127,20 @@ _LEGEND_IN: Final = 2.1
 _TIMELINE_IN: Final = 1.0
 
 
-def still_images(story: Story, snapshots: Sequence[TickSnapshot], dpi: int = DPI) -> Iterator[Image.Image]:
+def still_images(story: Story, snapshots: Sequence[TickSnapshot]) -> Iterator[Image.Image]:
     """The stills of `snapshots` (one or more) as RGB pictures of one size; what does not move is drawn once."""
     width_in, height_in = fitted(story.view[snapshots[0].moment.tick], *_PICTURE_IN)
     overview_in = fitted(story.known, _SIDE_IN, max(height_in - _WORDS_IN - _LEGEND_IN, 1.0))
     page_in = width_in + _SIDE_IN + 0.7, HEAD_IN + height_in + _TIMELINE_IN + 0.65
     timeline_in = 0.5, HEAD_IN + height_in + 0.2, width_in + _SIDE_IN, _TIMELINE_IN
     left_in = width_in + 0.45
-    background = Figure(figsize=page_in, dpi=dpi)
+    background = Figure(figsize=page_in, dpi=DPI)
     write_head(background, story)
     write_legend(background, story, 1, left_in - 0.05, HEAD_IN + _WORDS_IN + overview_in[1] + 0.08)
     close_up.draw_timeline(place(background, *timeline_in), story.moments, {})
     still = _image(background)
     for snapshot in snapshots:
-        moment, moving = snapshot.moment, Figure(figsize=page_in, dpi=dpi, facecolor="none")
+        moment, moving = snapshot.moment, Figure(figsize=page_in, dpi=DPI, facecolor="none")
         close_up.draw_close_up(place(moving, 0.15, HEAD_IN, width_in, height_in), story, snapshot)
         recent = story.happenings(moment.tick - RECENT_TICKS, moment.tick)
         write(moving, left_in, HEAD_IN - 0.05, f"{moment.t_s:.2f} s", fontsize=20, fontweight="bold")
@@ -217,83 +214,3 @@ def _write_caption(
     write(
         figure, left_in, top_in + 0.41, textwrap.shorten(news, 70, placeholder=" …"), fontsize=7.2, color=COLORS["fail"]
     )
-
-
-LAST_MS: Final = 2000
-
-_KEPT: Final = (
-    *COLORS.values(),
-    GOAL_COLOR,
-    INK,
-    OBSTACLE_COLOR,
-    close_up.BELIEF_COLOR,
-    close_up.INTENT_COLOR,
-    "#000000",
-    "#FFFFFF",
-)
-_SHARES: Final = (0.5, 1.0)
-_FILM_DPI: Final = 60
-_PALETTE_SIZE: Final = 40
-"""Size and colors at which 30 s of film stay below 1 MB, and words readable."""
-_DISTINCT: Final = 12
-_FEWEST: Final = 4
-"""Pictures of a film that stay, however large it is."""
-
-
-def write_film(
-    file: Path,
-    story: Story,
-    snapshots: Sequence[TickSnapshot],
-    picture_ms: int,
-    most_bytes: int | None = None,
-) -> int:
-    """Write the stills of `snapshots` (one or more) as a film of the kind of the file's suffix.
-
-    Args:
-        picture_ms: Duration of a picture.
-        most_bytes: Size of the file from which pictures are left out, evenly; None for any size.
-
-    Returns:
-        Number of pictures in the film.
-
-    Raises:
-        FilmError: it can't be encoded.
-    """
-    shown = list(snapshots)
-    while True:
-        if file.suffix.lower() == ".mp4":
-            write_mp4(file, still_images(story, shown), picture_ms, LAST_MS)
-        else:
-            _write_gif(file, story, shown, picture_ms)
-        size = file.stat().st_size
-        if most_bytes is None or size <= most_bytes or len(shown) <= _FEWEST:
-            return len(shown)
-        step = max(2, -(-size // most_bytes))
-        shown = [*shown[:-1:step], shown[-1]]
-        picture_ms *= step
-
-
-def _write_gif(file: Path, story: Story, snapshots: Sequence[TickSnapshot], picture_ms: int) -> None:
-    """Write a GIF; one picture is in memory at a time."""
-    chosen = sorted({0, len(snapshots) // 2, len(snapshots) - 1})
-    palette = _palette([*still_images(story, [snapshots[k] for k in chosen], _FILM_DPI)])
-    frames = (
-        still.quantize(palette=palette, dither=Image.Dither.NONE) for still in still_images(story, snapshots, _FILM_DPI)
-    )
-    durations = [picture_ms] * (len(snapshots) - 1) + [max(LAST_MS, picture_ms)]
-    next(frames).save(file, format="GIF", save_all=True, append_images=frames, duration=durations, loop=0)
-
-
-def _palette(samples: Sequence[Image.Image]) -> Image.Image:
-    """Return one palette for the whole film against flicker: the marks' colors, then the most frequent."""
-    # Small marks would be lost in a palette made by area, and so would what their edges blend to.
-    blends = [share * np.array(to_rgb(color)) + 1.0 - share for color in _KEPT for share in _SHARES]
-    kept = np.unique(np.rint(255.0 * np.array(blends)).astype(np.uint8), axis=0)
-    stack = Image.fromarray(np.concatenate([np.asarray(sample) for sample in samples]))
-    found = stack.quantize(colors=_PALETTE_SIZE - len(kept), dither=Image.Dither.NONE).getpalette() or []
-    others = np.array(found, dtype=np.int64).reshape(-1, 3)
-    # Pillow looks colors up in coarse cells: with another near white in the palette, white would become that.
-    far = np.abs(others[:, None] - kept).max(axis=2).min(axis=1) > _DISTINCT
-    palette = Image.new("P", (1, 1))
-    palette.putpalette([*kept.ravel().tolist(), *others[far].ravel().tolist()])
-    return palette
