@@ -14,7 +14,6 @@ from vastflow.flows.run.prepared import PreparedCampaign, open_run
 from vastflow.flows.run.reporting import find_current, write_campaign
 from vastflow.flows.terminal.progress import LoggedNotices, notebook_display
 from vastflow.tasks.engine.progress import Observer
-from vastflow.tasks.prefect.server import may_be_configured
 from vastflow.tasks.store.store import Lost
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ def run_campaign(
     """
     with open_run(request_of(campaign, options), observer or notebook_display() or LoggedNotices()) as (run, computing):
         if (results := find_current(run, computing)) is not None:
-            return _cached(run, results)
+            return results
         with open_log(run, computing) as log:
             judged = None
             with suppress(Lost):  # a damaged artifact is found when it is read; then there is something to compute
@@ -57,21 +56,12 @@ def run_campaign(
                 run.store.refresh()
                 judged = run_batches(run, computing, read_store(run, computing))
                 if judged is not None and not judged.incomplete(computing.engine):
-                    return _cached(run, write_campaign(run, computing, judged, log))
+                    return write_campaign(run, computing, judged, log)
             return _computed(run, computing, judged, log)
 
 
 _own = list(signature(run_campaign).parameters.values())[:-1]
 setattr(run_campaign, "__signature__", signature(run_campaign).replace(parameters=[*_own, *option_parameters()]))  # noqa: B010
-
-
-def _cached(run: PreparedCampaign, results: Results) -> Results:
-    """Return results for which nothing was computed, and show a configured API that."""
-    if may_be_configured():
-        from vastflow.flows.run.pages import show_cached
-
-        show_cached(results, run.name, run.request.public())
-    return results
 
 
 def _computed(run: PreparedCampaign, computing: Computing, judged: Judged | None, log: EventLog) -> Results:

@@ -6,114 +6,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Final, NotRequired, get_args
-
-from pydantic import AfterValidator, ConfigDict, Field, Json, TypeAdapter, ValidationError, with_config
-from pydantic_core import PydanticCustomError
-from typing_extensions import TypedDict
+from typing import Any
 
 from vastflow.flows.request.run_request import asked_of
-from vastflow.flows.results.provenance import Stage
+from vastflow.flows.results.provenance import STAGES, evaluation_ingredients, stage_ingredients
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.files import read_json
-
-_EXACT: Final = ConfigDict(strict=True)
-
-
-class _Source(TypedDict):
-    files: dict[str, str]
-    libraries: dict[str, str]
-
-
-class _PlugIn(TypedDict):
-    name: str
-    parameters: Any
-    source: str
-
-
-class _Asked(TypedDict):
-    file: str
-    runs: int
-    only: list[str]
-    places: dict[str, str]
-    sample: int | None
-
-
-class _StageSources(TypedDict):
-    execute: str
-    observe: str
-    judge: str
-    oracles: NotRequired[dict[str, str]]
-
-
-@with_config(_EXACT)
-class _Metadata(TypedDict):
-    name: str
-    created: str
-    asked: _Asked
-    numeric_class: str
-    seed: int
-    source: _StageSources
-    oracles: list[_PlugIn]
-    producers: dict[str, list[_PlugIn]]
-    code: dict[str, _Source]
-
-
-class _Parts(TypedDict):
-    environment: dict[str, Any]
-    task: dict[str, Any]
-    system: dict[str, Any]
-    programs: NotRequired[dict[str, Any] | None]
-
-
-class _Step(TypedDict):
-    producer: str
-    keys: list[str]
-
-
-@with_config(_EXACT)
-class _Configuration(TypedDict):
-    name: str
-    family: str
-    scenario_digest: str
-    checked_digest: str
-    duplicate_of: str | None
-    abstract: str
-    timeout_s: float
-    scenario: Json[_Parts]
-    provenance: Json[dict[str, Any]]
-    steps: Json[list[_Step]]
-
-
-@with_config(_EXACT)
-class _Run(TypedDict):
-    configuration: str
-    run_index: Annotated[int, Field(ge=0)]
-
-
-def _with_sources(found: _Metadata) -> _Metadata:
-    """Each stage and plug-in finds its source in `code`."""
-    plug_ins = [*found["oracles"], *(each for family in found["producers"].values() for each in family)]
-    if lacking := {*get_args(Stage), *(each["source"] for each in plug_ins)} - found["code"].keys():
-        raise PydanticCustomError("no_source", f"code: has no {min(lacking)}")
-    return found
-
-
-_METADATA: Final[TypeAdapter[Any]] = TypeAdapter(Annotated[_Metadata, AfterValidator(_with_sources)])
-_CONFIGURATIONS: Final[TypeAdapter[Any]] = TypeAdapter(list[_Configuration])
-_RUNS: Final[TypeAdapter[Any]] = TypeAdapter(list[_Run])
-
-
-def _check(kind: TypeAdapter[Any], found: Any, file: str) -> None:
-    """Raise `ValueError` with the place of a value that is of another kind than vastflow writes."""
-    try:
-        kind.validate_python(found)
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise ValueError(f"{file}: {f'{place}: ' if place else ''}{first['msg']}") from None
-
 
 PARTS = ("environment", "task", "system")
 
@@ -128,9 +27,7 @@ class Past:
     @cached_property
     def rows(self) -> list[dict[str, Any]]:
         """Rows of `configurations.parquet`, JSON columns as text."""
-        rows = table_rows(self.directory / "configurations.parquet")
-        _check(_CONFIGURATIONS, rows, "configurations.parquet")
-        return rows
+        return table_rows(self.directory / "configurations.parquet")
 
     @cached_property
     def by_name(self) -> Mapping[str, dict[str, Any]]:
@@ -170,18 +67,27 @@ class Past:
         return wanted
 
     def _runs(self, file: str) -> list[dict[str, Any]]:
-        rows = table_rows(self.directory / file, "configuration", "run_index")
-        _check(_RUNS, rows, file)
-        return rows
+        return table_rows(self.directory / file, "configuration", "run_index")
 
 
 def past_of(directory: Path) -> Past:
-    """Read and check a campaign directory, or raise `UnusableDirectory`."""
+    """Read a campaign directory, or raise `UnusableDirectory`.
+
+    All that is asked later is asked once, so that nothing else can be damaged then.
+    """
     with reading(directory):
         past = Past(directory, read_json(directory / "metadata.json"))
-        _check(_METADATA, past.metadata, "metadata.json")
-        # Read all that is asked later, so that nothing else can be damaged then.
-        _ = past.rows, past.recorded, past.wanted if asked_of(past.metadata).sequential else None
+        metadata = past.metadata
+        for part in metadata["code"].values():
+            _ = {**part["files"], **part["libraries"]}
+        for stage in STAGES:
+            stage_ingredients(metadata, stage)
+        for each in [each for family in metadata["producers"].values() for each in family]:
+            evaluation_ingredients(metadata, each)
+        for row in past.rows:
+            _ = values_of(row), ", ".join(writers(row).values()), row["family"], row["scenario_digest"], row["duplicate_of"]
+        _ = metadata["name"], metadata["created"], past.by_key, past.recorded, [*asked_of(metadata).only]
+        _ = past.wanted if asked_of(metadata).sequential else None
     return past
 
 

@@ -12,13 +12,11 @@ from contextlib import contextmanager
 from typing import Any, Final
 from uuid import UUID
 
-from prefect import Flow, get_run_logger
+from prefect import get_run_logger
 from prefect.client.orchestration import get_client
 from prefect.client.schemas.actions import ArtifactCreate, ArtifactUpdate
 from prefect.runtime import flow_run
-from prefect.states import Completed
 
-from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.summary import Results
 from vastflow.flows.terminal.progress import Meter, pace_words
 from vastflow.oracles.evidence.evidence import evidence_of
@@ -27,10 +25,7 @@ from vastflow.oracles.statistics.intervals import LEVEL
 from vastflow.sim.model.files import read_json
 from vastflow.sim.model.names import label_of
 from vastflow.tasks.engine.progress import Phase, Progress
-from vastflow.tasks.prefect.deployment import FLOW, TAG
-from vastflow.tasks.prefect.retry import bounded
-from vastflow.tasks.prefect.server import configured_url, is_embedded
-from vastflow.tasks.prefect.stages import CACHED
+from vastflow.tasks.prefect.server import is_embedded
 
 LOGGER: Final = logging.getLogger("vastflow.artifacts")
 
@@ -197,21 +192,6 @@ def publish(found: Results, name: str, reports: str | None = None) -> None:
         if why := read_json(found.directory / "metadata.json").get("why"):
             _create(f"{key_of(name)}-why", "table", json.dumps(why), f"What **{name}** computed, and why")
         _create(f"{key_of(name)}-report", "markdown", f"[report.html]({link})", f"Report of **{name}**: `{report}`")
-
-
-def show_cached(found: Results, name: str, request: RunRequest) -> None:
-    """Add a flow run in the state `Cached` for a call that computed nothing, if an API is configured."""
-    if configured_url() is None:
-        return
-    message = f"{outcome_text(found)}; report: {found.directory.resolve() / 'report.html'}"
-    with tolerated(), bounded(), get_client(sync_client=True) as client:
-        client.create_flow_run(
-            Flow(lambda request: None, name=FLOW),
-            name=f"{name}, {size_text(found.summary.configurations, found.summary.runs)}",
-            parameters={"request": request},
-            tags=[TAG, key_of(name)],
-            state=Completed(name=CACHED, message=message),
-        )
 
 
 def show_text(key: str, text: str, about: str) -> None:

@@ -137,14 +137,6 @@ def answers(address: str) -> bool:
     return False
 
 
-def may_be_configured() -> bool:
-    """False if neither the environment nor a profile names an API; `configured_url` knows, and takes Prefect's import."""
-    home = Path(os.environ.get("PREFECT_HOME") or "~/.prefect").expanduser()
-    with contextlib.suppress(OSError):
-        return "PREFECT_API_URL" in os.environ or "PREFECT_API_URL" in (home / "profiles.toml").read_text()
-    return False
-
-
 def configured_url() -> str | None:
     """Return the API in the user's environment, profile, or settings file."""
     from prefect.settings import get_current_settings
