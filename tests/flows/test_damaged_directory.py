@@ -73,7 +73,7 @@ CONFIGURATIONS = "configurations.parquet"
 OTHER_ROWS = [
     (CONFIGURATIONS, "scenario", "[1]"),
     (CONFIGURATIONS, "provenance", "{"),
-    (CONFIGURATIONS, "steps", '[{"producer": 1, "keys": []}]'),
+    (CONFIGURATIONS, "steps", '[{"producer": 1, "keys": ["a"]}]'),
 ]
 
 
