@@ -202,6 +202,7 @@ class Engine:
             configuration, stored = stopping.stored(self.index, each) if stopping else (each, self.index.stored(each))
             found = scanned[each.name] = FoundRuns(configuration, tuple(stored))
             if stopping is not None:
+                # Configurations with a fault are not scheduled again.
                 goes_on = not found.complete and each.name not in broken
                 self._tally.want(each.name, configuration.runs, stopping.most if goes_on else configuration.runs)
             for one in stored:
@@ -229,6 +230,8 @@ class Engine:
         """Let workers compute missing runs, once per wanted number of runs; None for units that `execute` has waited for."""
         with self._lock:
             keys = [(each.name, each.runs) for each in configurations]
+            # Stages of several shards ask for the same units: who comes first starts them, the others wait for the same
+            # futures.
             new = [each for key, each in zip(keys, configurations, strict=True) if key not in self._executing]
             wanted = [(each, missing(self.index.blocks(each), each.runs)) for each in new]
             for configuration, units in zip(new, self._feeder.add(wanted), strict=True):
@@ -256,6 +259,7 @@ class Engine:
             for each in evaluations
             if store.find(each.key) is None
         }
+        # All are submitted before the first is waited for.
         answers = {key: self._answer(job) for key, job in jobs.items()}
         for key in jobs:
             store.changed(key)
@@ -270,6 +274,7 @@ class Engine:
             units, told = list(begun), True
             for unit in units:
                 answer = self._answer(unit.future)
+                # An answer that lists its artifacts spares looking them up; one without makes the store look again.
                 told = told and isinstance(answer, Executed) and bool(answer.artifacts)
                 if isinstance(answer, Broken):
                     runs = self._lost_runs(configuration, unit)
@@ -296,8 +301,10 @@ class Engine:
 
     def _execute(self, configuration: ConfigurationRuns, start: int, stop: int) -> "Future[Any]":
         """Hand a unit to the executor."""
+        # Workers that compiled at once would each compile the same kernels: one fills the cache first.
         if self._ready is not None and configuration.drives:
             self._answer(self._ready)
+        # Workers need no sources: their digests are in the keys.
         keys, scenario = replace(self.index.keys, sources=None), configuration.scenario
         priority, checked = Priority.EXECUTE, configuration.checked
         if self._whole_units:
@@ -315,6 +322,7 @@ class Engine:
         self._tally.execute(configuration.name, answer.simulated_s)
         self._feeder.took(configuration.family, len(answer.simulated_s), answer.took_s)
         self.index.store.learn(answer.artifacts)
+        # What was made here does not count as found in the store, or a report would claim cache hits.
         self._made.update(artifact.key for artifact in answer.artifacts)
         for artifact in answer.artifacts:
             if artifact.key.startswith("judge/"):
@@ -361,6 +369,8 @@ class Engine:
         for key, job in zip(keys, jobs, strict=True):
             if job is not None:
                 store.changed(key)
+        # Rows and keys are in one order; a row without an artifact has a fault, and is left out for the stages that
+        # follow.
         following = iter(keys)
         made: Rows = []
         for configuration, of_configuration in zip(configurations, rows, strict=True):
@@ -387,6 +397,7 @@ class Engine:
         self._tally.judge(configuration.name, dict.fromkeys(runs, "not judged"))
 
     def _submit(self, priority: Priority, function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
+        # Before anything is computed that could not be stored.
         if self._store.unwritable is not None:
             raise self._store.unwritable
         return self._executor.submit(work.answered, function, *arguments, priority=priority)

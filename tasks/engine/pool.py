@@ -106,6 +106,7 @@ class Pool:
         self.workers = workers
         self.closed = False
         self._log = log
+        # Among equals of a priority the oldest first; units themselves have no order.
         self._numbers = itertools.count()
         self._lanes: list[_Lane] = []
         self._solo: _Lane | None = None
@@ -168,12 +169,14 @@ class Pool:
             if self._waiting[0].outcome.cancelled():
                 del self._open[heapq.heappop(self._waiting).number]
                 continue
+            # One worker first, the others when there is much to do: to start one takes longer than judging many runs.
             grown = len(self._lanes) == min(self.workers, 2)
             lane = next((each for each in self._lanes if each.in_flight < each.workers), None)
             if lane is None and not grown and (not self._lanes or self._is_much()):
                 lane = _Lane(self.workers - 1 if self._lanes else 1, self._log)
                 self._lanes.append(lane)
             if lane is None and grown:
+                # One more unit a worker lies ready, so that no worker waits for this process while its answer travels.
                 free = (each for each in self._lanes if each.in_flight < _IN_FLIGHT_PER_WORKER * each.workers)
                 lane = next(free, None)
             if lane is None:
@@ -183,6 +186,7 @@ class Pool:
             self._timer = threading.Timer(WAITS_S, self._own, (self._look_again,))
             self._timer.daemon = True
             self._timer.start()
+        # What was on a pool when it died is retried alone: only so can be told which unit kills its worker.
         if self._suspects:
             self._solo = self._solo or _Lane(1, self._log)
             if not self._solo.in_flight:
@@ -215,6 +219,7 @@ class Pool:
         if not isinstance(error, BrokenProcessPool):
             self._close(unit, error, None if error else done.result())
         else:
+            # All units of a dead pool land here; the first renews it.
             if lane.executor is executor:
                 lane.renew()
             unit.tries += 1
@@ -257,6 +262,7 @@ def _begin(parent: int, log: Path | None) -> None:
 
 
 def _end_with(parent: int) -> None:
+    # Polled: only Linux has a signal of a parent's death.
     while os.getppid() == parent:
         time.sleep(_WATCH_S)
     os._exit(1)

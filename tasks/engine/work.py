@@ -122,6 +122,7 @@ def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
 
     with few_collections(), tempfile.TemporaryDirectory() as folder:
         room = Path(folder, "room.yaml")
+        # A room is enough: kernels are compiled for types and shapes of parameters, not for maps.
         cells = bytes(0 if x in (0, 59) or y in (0, 59) else 254 for y in range(60) for x in range(60))
         Path(folder, "room.pgm").write_bytes(b"P5 60 60 255\n" + cells)
         room.write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
@@ -167,6 +168,7 @@ def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, s
         if isinstance(executed, Execution):
             whole.append(executed)
         else:
+            # A broken run ends the block before it: files hold contiguous runs, and the ones that are done are kept.
             errors[run_index] = executed or Broken("an artifact that it needs is lost")
             keep()
     keep()

@@ -83,6 +83,7 @@ def gate(dx_m: float, dy_m: float, dyaw_rad: float, q: Any) -> bool:
 def spread(cloud: Cloud, n: int, stream: Any, x_m: float, y_m: float, yaw_rad: float, covariance: Any) -> None:
     """Draw `n` particles of equal weight round a pose; `covariance` (4,) is of xx, xy, yy (m²) and yaw (rad²)."""
     particles, draws, weights = cloud.particles, cloud.resampled, cloud.weights
+    # Cholesky's factor of the covariance; AMCL takes the eigenvectors, which spreads the same cloud by other numbers.
     xx = math.sqrt(covariance[0])
     xy = covariance[1] / xx if xx > 0.0 else 0.0
     yy = math.sqrt(max(covariance[2] - xy * xy, 0.0))
@@ -106,8 +107,10 @@ def move(
     particles by whole turns against each other, which puts them into different bins and clusters: AMCL's own quirk.
     """
     trans = math.sqrt(dx_m * dx_m + dy_m * dy_m)
+    # Below a centimeter the direction of a step is noise, and the robot is taken to turn in place (AMCL).
     rot1 = 0.0 if trans < 0.01 else wrapped(math.atan2(dy_m, dx_m) - old_yaw_rad)
     rot2 = wrapped(dyaw_rad - rot1)
+    # A turn of nearly π is driving backwards, not turning: its noise is that of the small turn that is left.
     n1 = min(abs(rot1), abs(wrapped(rot1 - math.pi)))
     n2 = min(abs(rot2), abs(wrapped(rot2 - math.pi)))
     s1 = math.sqrt(q.alpha1 * n1 * n1 + q.alpha2 * trans * trans)
@@ -149,6 +152,7 @@ def _glide(particles: Any, draws: Any, n: int, step: Any, sigma: Any) -> None:
 def _drive(particles: Any, draws: Any, n: int, step: Any, sigma: Any) -> None:
     """Turn, go and turn by `step` less `sigma` times the standard normal numbers (3, N) drawn for it."""
     for k in range(n):
+        # Wrapped by rounding, where AMCL takes the arc tangent of sine and cosine, which costs more.
         turn = _whole_turns_off(step[0] - sigma[0] * draws[0, k])
         driven = step[1] - sigma[1] * draws[1, k]
         sine, cosine = sincos(particles[2, k] + turn)
@@ -184,6 +188,7 @@ def kld_limit(bins: int, q: Any) -> int:
     """Particles needed for `bins` occupied bins (Fox 2001; `pf_z` is used as the normal quantile itself)."""
     if bins <= 1:
         return int(q.max_particles)
+    # Wilson and Hilferty's approximation of the chi-square quantile, as in Fox 2001.
     b = 2.0 / (9.0 * (bins - 1))
     x = 1.0 - b + math.sqrt(b) * q.pf_z
     needed = math.ceil((bins - 1) / (2.0 * q.pf_err) * x * x * x)
@@ -200,6 +205,7 @@ def resample(cloud: Cloud, n: int, stream: Any, q: Any) -> Any:
     for slot in range(slots.shape[0]):
         slots[slot] = np.uint64(0)
     bins, count, needed = 0, 0, q.max_particles
+    # The limit grows with the bins that are met, so it is asked anew for each new bin alone.
     while count < q.max_particles and count <= needed:
         k = _pick(guide, cumulative, uniform(stream), total)
         x, y, yaw = particles[0, k], particles[1, k], particles[2, k]
@@ -215,6 +221,7 @@ def resample(cloud: Cloud, n: int, stream: Any, q: Any) -> Any:
             bins += 1
             needed = kld_limit(bins, q)
         entry = np.uint32(entries[slot])
+        # What clusters and covariance need is summed here: the particles pass through the cache once.
         sums[entry, 0] += 1.0
         sums[entry, 1] += x
         sums[entry, 2] += y
@@ -241,6 +248,7 @@ def _accumulate(weights: Any, n: int, cumulative: Any, guide: Any) -> float:
     cumulative[n - 1] = np.inf  # beyond any draw, whatever the rounding
     for share in range(GUIDE + 1):
         guide[share] = 0
+    # An index by equal shares replaces a binary search, whose branches are guessed wrongly half of the time.
     per_weight = GUIDE / total
     for k in range(n - 1):
         guide[min(np.uint32(cumulative[k] * per_weight), np.uint32(GUIDE - 1)) + np.uint32(1)] = k + 1
@@ -277,6 +285,8 @@ def _key(x_m: float, y_m: float, yaw_rad: float) -> Any:
 def _slot(slots: Any, key: Any) -> Any:
     """Return the slot of a bin in the hash table, or the free slot for it."""
     mask = np.uint64(slots.shape[0] - 1)
+    # Fibonacci hashing: the golden ratio's bits spread neighboring bins, and the upper bits are the ones that are
+    # mixed.
     slot = (key * _HASH) >> np.uint64(40) & mask
     while slots[slot] != 0 and slots[slot] != key:
         slot = (slot + np.uint64(1)) & mask
@@ -305,6 +315,7 @@ def heaviest_cluster(cloud: Cloud, bins: int) -> Any:
             y += sums[k, 2]
             c += sums[k, 3]
             s += sums[k, 4]
+            # Keys of neighbors are sums of keys, as the fields are wide enough that none runs over into the next.
             corner = keys[k] - _X - _Y - _YAW
             for step in range(27):
                 slot = _slot(slots, corner + NEIGHBORS[step])
@@ -315,6 +326,8 @@ def heaviest_cluster(cloud: Cloud, bins: int) -> Any:
                     depth += 1
         label += 1
         if w > best_weight:
+            # AMCL reports the heaviest cluster's mean, so the estimate may jump between clusters; the mean of all would
+            # lie between them.
             best_weight, best = w, (x / w, y / w, math.atan2(s, c))
     return best
 

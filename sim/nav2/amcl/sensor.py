@@ -49,11 +49,13 @@ def likelihood_cubed(
         dtype: float32 in the loop, float64 where the eighth digit counts.
     """
     squares = squared_distances(occupied, int(likelihood_max_dist_m / resolution_m))
+    # A squared distance in cells is a whole number: the exponential is taken once for each number, not for each cell.
     distances_m = np.append(np.sqrt(np.arange(squares.max() + 1)) * resolution_m, likelihood_max_dist_m)
     pz = z_hit * exps(-(distances_m * distances_m) / (2 * sigma_hit_m * sigma_hit_m)) + z_rand / range_max_m
     east = FRAME - (squares.shape[1] + 2 * FRAME + WIDTH) % -(2 * WIDTH)
     framed = np.pad(squares, ((FRAME, FRAME), (FRAME, east)), constant_values=UNREACHED)
     # UNREACHED, which is -1, finds the last entry.
+    # AMCL sums the cubes of the beams' probabilities in place of multiplying them, by its authors' ad hoc choice.
     cubed: NDArray[Any] = (pz * pz * pz).astype(dtype)[framed]
     return cubed
 
@@ -174,10 +176,12 @@ def _beam_points(p: Any, ranges_m: Any, directions: Any, out: Any) -> int:
     q = p.amcl
     range_min_m = max(p.range_min, q.laser_min_range) if q.laser_min_range > 0.0 else p.range_min
     range_max_m = min(p.range_max, q.laser_max_range) if q.laser_max_range > 0.0 else p.range_max
+    # AMCL's integer division: with 360 beams and 60 asked for, every sixth, and the last ones are never used.
     step = max(1, (ranges_m.shape[0] - 1) // (q.max_beams - 1))
     n = 0
     for b in range(0, ranges_m.shape[0], step):
         reading = ranges_m[b]
+        # AMCL takes a reading that is too short for one that met nothing, and skips those that met nothing.
         if reading <= range_min_m:
             reading = range_max_m
         if reading < range_max_m:
@@ -212,6 +216,7 @@ def _look_up(frames: Any, n: int, points: Any, beams: int, cubed: Any, indices: 
     for b in range(beams, filled):
         points[0, b], points[1, b] = OFF_MAP, OFF_MAP
     for k in range(n):
+        # The beams that fill up the last four are taken off again: each adds the cap off the map.
         found[k] = 1.0 - (filled - beams) * flat[0]
     room = _room(frames, n, cubed)
     for first in range(0, filled, LANES):
@@ -240,6 +245,7 @@ def _locate(frames: Any, n: int, px: Any, py: Any, room: float, cubed: Any, indi
     # The width is a multiple of 64, so that its product with a row is exact in four bytes up to 2³⁰; a product of whole
     # numbers would take longer, for want of an instruction in SSE2.
     width = number(cubed.shape[1])
+    # Where no particle's beam can leave the table its edges need not be tested, which is the usual case.
     if px * px + py * py < room * room:
         for k in range(n):
             column, row = x[k] + c[k] * px - s[k] * py, y[k] + s[k] * px + c[k] * py

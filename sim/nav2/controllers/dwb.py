@@ -87,6 +87,8 @@ def new_memory(q: DwbParameters, rows: int, columns: int) -> DwbMemory:
     aside = max(2, q.vy_samples) + 1 if strafes else 1
     speeds = ahead * aside
     fastest_mps = hypot(max(abs(q.min_vel_x), abs(q.max_vel_x)), max(abs(q.min_vel_y), abs(q.max_vel_y)))
+    # Room for the longest trajectory: its steps are as fine as the granularity of the speed or of the turn, whichever
+    # needs more.
     steps_v = math.ceil(fastest_mps * q.sim_time / q.linear_granularity) + 1
     steps_w = math.ceil(q.max_vel_theta * q.sim_time / q.angular_granularity) + 1
     return DwbMemory(
@@ -95,6 +97,7 @@ def new_memory(q: DwbParameters, rows: int, columns: int) -> DwbMemory:
         speeds=np.zeros(speeds),
         sideways=np.zeros(speeds),
         turns=np.zeros(turns),
+        # Nav2 adds the critics in the order of the file, and 32-bit sums depend on the order in their last bit.
         order=np.argsort([critic.place for critic in q.critics()], kind="stable"),
         raw=np.zeros(FOOTPRINT + 1),
         scales=np.zeros(FOOTPRINT + 1),
@@ -129,6 +132,8 @@ def score(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
     """Score the ends of all samples: the setting, the ground of `along`, and the numbers of speeds and yaw rates."""
     setting = _prepare(q, memory, given)
     v, vy, w, time_s = setting.v_mps, setting.vy_mps, setting.w_radps, q.sim_time
+    # Nav2 samples within what can be reached in `sim_time`, not in one cycle (its `KinematicParameters` and XYTheta
+    # iterator).
     n_ahead = sample(memory.ahead, v, q.min_vel_x, q.max_vel_x, q.acc_lim_x, q.decel_lim_x, time_s, q.vx_samples)
     n_aside = sample(memory.aside, vy, q.min_vel_y, q.max_vel_y, q.acc_lim_y, q.decel_lim_y, time_s, q.vy_samples)
     n_speeds = n_ahead * n_aside
@@ -157,6 +162,8 @@ def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
     goal_cell, nose_cell = lay(memory.grid, window, plan, n, nose_x, nose_y)
     # The critics of the grids count meters, and only half of each. With scale 0 Nav2 does not even let one forbid.
     half_m, scales = 0.5 * window.place[2], memory.scales
+    # Nav2's scores have scales and totals in 32 bits: two samples that tie there must tie here, where the first one
+    # wins.
     scales[ROTATE] = np.float32(q.RotateToGoal.scale * q.RotateToGoal.enabled)
     scales[OSCILLATION] = np.float32(q.Oscillation.scale * q.Oscillation.enabled)
     scales[OBSTACLE] = np.float32(q.BaseObstacle.scale * q.BaseObstacle.enabled)
@@ -167,6 +174,7 @@ def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
     scales[PREFER_FORWARD] = np.float32(q.PreferForward.scale * q.PreferForward.enabled)
     scales[TWIRLING] = np.float32(q.Twirling.scale * q.Twirling.enabled)
     scales[FOOTPRINT] = np.float32(q.ObstacleFootprint.scale * q.ObstacleFootprint.enabled)
+    # Nav2 turns PathAlign off near the goal, where its forward point would lie beyond the path's end.
     if away_m <= q.PathAlign.forward_point_distance:
         scales[PATH_ALIGN] = 0.0
     obstructed, outlined = scales[OBSTACLE] != 0.0, scales[FOOTPRINT] != 0.0
@@ -202,6 +210,7 @@ def _score_ends(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, n_spe
     ahead_goal = q.GoalAlign.forward_point_distance * cells_per_m
     ahead_path = q.PathAlign.forward_point_distance * cells_per_m
     free = scales[OSCILLATION] == 0.0
+    # The tests of a speed's sign stand outside of the inner loop: what they exclude is a whole row of samples.
     forward, backward = free or signs[0, 2] == 0, free or signs[0, 1] == 0
     to_left, to_right = free or signs[1, 2] == 0, free or signs[1, 1] == 0
     leftward, rightward = free or signs[2, 2] == 0, free or signs[2, 1] == 0
@@ -218,10 +227,13 @@ def _score_ends(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, n_spe
         for j in range(n_turns):
             w = turns[j]
             scores[i, j] = math.inf
+            # Forbidden samples stay infinite and are never looked at by the costlier critics, as an exception of Nav2's
+            # critic ends a sample.
             if excluded or (w > 0.0 and not to_left) or (w < 0.0 and not to_right) or not possible(q, v, vy, w):
                 continue
             x, y, c, s = ends[i, j, 0], ends[i, j, 1], ends[i, j, 2], ends[i, j, 3]
             inside = x >= 0.0 and y >= 0.0 and x < columns and y < rows
+            # Nav2's grid critics throw for a pose off the window, GoalAlign and PathAlign for their forward point.
             if setting.bounded and not inside:
                 continue
             if rotating:
@@ -230,6 +242,7 @@ def _score_ends(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, n_spe
                 raw[ROTATE] = (v * v + vy * vy) * q.RotateToGoal.slowing_factor + ends[i, j, 4]
             if setting.obstructed:
                 raw[OBSTACLE] = costs[int(y), int(x)]
+                # BaseObstacle takes the center's cost alone: inscribed is where a disc collides.
                 if raw[OBSTACLE] >= INSCRIBED:
                     continue
             if setting.outlined:
@@ -252,6 +265,8 @@ def _score_ends(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, n_spe
                 if setting.goal >= 0:
                     at = (int(nose_y) + 1) * stride + int(nose_x) + 1
                     away = cells[at, DISTANCE]
+                    # The grid of distances grows only as far as it is asked: most cells of a window are never looked
+                    # up.
                     raw[PATH_ALIGN] = away if away >= 0 else grow(cells, bins, counts, at, stride)
             if setting.goal < 0 and (scales[PATH_DIST] != 0.0 or scales[GOAL_DIST] != 0.0):
                 continue
@@ -267,6 +282,7 @@ def _score_ends(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, n_spe
                 raw[PREFER_FORWARD] = q.PreferForward.penalty
             total = np.float32(0.0)
             for k in order:
+                # Rounded after each critic, as a C++ float is; the product is a double there as well.
                 total = np.float32(total + raw[k] * scales[k])
             scores[i, j] = total
 
@@ -303,6 +319,8 @@ def _choose(q: Any, memory: DwbMemory, ground: Any, setting: _Setting, n_speeds:
                 best, best_i, best_j = scores[i, j], i, j
     if best_i < 0:
         return -1, -1
+    # The end decides for nearly all samples, so only the best is followed all its way, where Nav2 follows each. If it
+    # collides on its way, those of the others are followed that might win.
     if followed(q, setting, memory, ground, best_i, best_j)[0]:
         return best_i, best_j
     scores[best_i, best_j] = math.inf

@@ -86,9 +86,11 @@ def lay(grid: PathGrid, window: Window, plan: Any, n: int, nose_x_m: float, nose
             part = steps - step
             at = _cell(window, x - part * (dx / steps), y - part * (dy / steps))
             if at < 0:
+                # Nav2 stops where the plan leaves the window after it was in it; points before it enters are skipped.
                 gone = last >= 0
                 continue
             last = at
+            # A cell is a source once: the number of the plan stands for a set that need not be cleared.
             if k != n - 1 and grid.cells[at, TAKEN] != counts[_PLAN]:
                 grid.cells[at, TAKEN] = counts[_PLAN]
                 grid.sources[1, counts[_NEW_SOURCES]] = at
@@ -114,6 +116,7 @@ def _cell(window: Window, x_m: float, y_m: float) -> int:
 def _restart(cells: Any, bins: Any, sources: Any, counts: Any, rows: int, columns: int) -> None:
     """Grow again if the sources have changed."""
     n = counts[_NEW_SOURCES]
+    # The plan changes once a second, and its cells in the window less often: what has grown can stay.
     same = n == counts[_SOURCES]
     for i in range(n):
         if not same:
@@ -141,6 +144,7 @@ def grow(cells: Any, bins: Any, counts: Any, at: int, stride: int) -> int:
             cursor += 1
         here = int(bins[cursor])
         bins[cursor] = cells[here, FOLLOWING]
+        # Nav2's CostmapQueue hands on each cell's source: distances may be a little too great, and are reproduced.
         dx, dy = int(cells[here, DX]), int(cells[here, DY])
         left = _push(cells, bins, here - 1, dx - 1, dy, cursor)
         down = _push(cells, bins, here - stride, dx, dy - 1, cursor)
@@ -169,6 +173,7 @@ def _push(cells: Any, bins: Any, at: int, dx: int, dy: int, cursor: int) -> int:
 def at_goal(q: Any, latched: Any, x_m: float, y_m: float, speed_mps: float, goal: Any) -> int:
     """Return the demand of RotateToGoal, latched until a reset: 0 none, 1 slow down, 2 only rotate."""
     dx, dy = x_m - goal[0], y_m - goal[1]
+    # Both are latched: a robot that the noise of localization takes out of the tolerance goes on rotating, as in Nav2.
     if dx * dx + dy * dy <= q.xy_goal_tolerance * q.xy_goal_tolerance:
         latched[0] = 1
     if latched[0] != 0 and speed_mps * speed_mps <= q.trans_stopped_velocity * q.trans_stopped_velocity:
@@ -181,6 +186,7 @@ def debrief(critic: Any, trends: Trends, pose: Any, v_mps: float, w_radps: float
     """Let Oscillation know the command that was chosen, (0, 0, 0) where none was."""
     signs, stood = trends.signs, trends.stood
     flipped = _flips(signs, 0, v_mps)
+    # A robot that drives may swing its yaw rate as it likes; only one that barely drives oscillates by turning.
     if critic.x_only_threshold < 0.0 or abs(v_mps) <= critic.x_only_threshold:
         flipped = _flips(signs, 1, w_radps) or flipped
         flipped = _flips(signs, 2, vy_mps) or flipped

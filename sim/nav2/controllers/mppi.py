@@ -88,6 +88,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     lateral_rise, lateral_fall = q.model_dt * q.ay_max, -q.model_dt * q.ay_min
     radius_m, is_omni = memory.min_turning_radius_m[0], sequence.shape[0] == 3
     for _ in range(1 + (q.retry_attempt_limit if q.retry_scores != 0 else 0)):
+        # Nav2 draws in a thread while it is not asked, or once for all cycles with `regenerate_noises: false`.
         noise_at = memory.kept_noise[0]
         if q.regenerate_noises != 0 or noise_at < 0:
             noise_at = next_noise(memory.stream, memory.next_noise, memory.space.noise.shape[0], used)
@@ -100,6 +101,8 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
             _judge_plan(q, memory, space, frame, given, goal_m)
             _weigh(space, q.batch_size, q.temperature)
             _average(space, sequence, q.batch_size, draw)
+            # Nav2 limits the mean by its speeds and accelerations before it smooths it, not after: smoothing may leave
+            # them a little.
             _limit(sequence[0], q.vx_min, q.vx_max, rise, fall)
             _limit(sequence[1], -q.wz_max, q.wz_max, turn, turn)
             if is_omni:
@@ -107,6 +110,8 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
             if radius_m > 0.0:
                 for t in range(sequence.shape[1]):
                     sequence[1, t] = steered(sequence[0, t], sequence[1, t], radius_m)
+            # Nav2 shifts the sequence only if a control cycle lasts a step of the model; else its first command is
+            # given.
             shift = 1 if abs(q.model_dt - given.dt_s) < 1e-6 else 0
             _smooth(sequence, memory.history, memory.line, shift)
             v, w, vy = sequence[0, shift], sequence[1, shift], sequence[2, shift] if is_omni else 0.0
@@ -123,6 +128,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
 def _prices(q: Any, unlimited_mps: Any, goal_m: float) -> Any:
     """The last four of `Draw`; as in Nav2, ConstraintCritic keeps the range without a speed limit."""
     vx_min_mps, vx_max_mps, vy_max_mps = unlimited_mps[0], unlimited_mps[1], unlimited_mps[2]
+    # Nav2's `min_vel`: the sign of `vx_min` with the length of both axes together.
     lowest = math.copysign(math.hypot(vx_min_mps, vy_max_mps), vx_min_mps)
     beyond = q.ConstraintCritic.cost_weight * q.model_dt if q.ConstraintCritic.enabled != 0 else 0.0
     forward = q.PreferForwardCritic.enabled != 0 and goal_m >= q.PreferForwardCritic.threshold_to_consider
@@ -138,6 +144,8 @@ def _sample(q: Any, memory: Any, space: Space, frame: Frame, draw: Draw, given: 
     min_turning_radius_m = memory.min_turning_radius_m[0]
     twirling = q.TwirlingCritic.enabled != 0 and goal_m >= memory.goal_tolerance_m[0]
     _center(q, space, sequence)
+    # The first step is the same for all samples: it goes by the measured twist, which no control of this cycle can
+    # change.
     x_m, y_m = pose[0] + twist[0] * math.cos(pose[2]) * dt_s, pose[1] + twist[0] * math.sin(pose[2]) * dt_s
     if is_omni:
         x_m -= given.lateral_mps * math.sin(pose[2]) * dt_s
@@ -145,6 +153,7 @@ def _sample(q: Any, memory: Any, space: Space, frame: Frame, draw: Draw, given: 
     yaw_rad = pose[2] + twist[1] * dt_s
     x, y = (x_m - frame.left_m) / frame.resolution_m, (y_m - frame.bottom_m) / frame.resolution_m
     start = (x, y, math.cos(yaw_rad), math.sin(yaw_rad))
+    # Tracks are in cells from here on: the critics look cells up far more often than they measure meters.
     scale = dt_s / frame.resolution_m
     priced, cell_stride = q.CostCritic.enabled != 0, q.CostCritic.trajectory_point_step
     avoids_obstacles = q.ObstaclesCritic.enabled != 0
@@ -152,6 +161,7 @@ def _sample(q: Any, memory: Any, space: Space, frame: Frame, draw: Draw, given: 
         priced, cell_stride = True, 1
     outlined, motion = q.CostCritic.consider_footprint != 0, (yaw_rad, dt_s)
     cells = (steps - 1) // cell_stride + 1
+    # Nav2 divides the weight by 254 as it reads it, and the sum by the number of points.
     cell_weight = q.CostCritic.cost_weight / 254.0 / cells
     crash = cell_weight * q.CostCritic.collision_cost
     if avoids_obstacles:
@@ -167,6 +177,8 @@ def _sample(q: Any, memory: Any, space: Space, frame: Frame, draw: Draw, given: 
     held = q.VelocityDeadbandCritic.enabled != 0
     for first in range(0, q.batch_size, ROW):
         if is_omni:
+            # Drawn, followed, and judged group by group: one group's track fits into the first-level cache, all of them
+            # do not.
             follow(space, space.lateral_center, first, steps, draw, start, scale, dt_s)
         else:
             follow(space, None, first, steps, draw, start, scale, dt_s)
@@ -191,6 +203,7 @@ def _sample(q: Any, memory: Any, space: Space, frame: Frame, draw: Draw, given: 
             if q.PathAlignCritic.use_path_orientations != 0:
                 mark_headings(space, first, marks, mark_stride, yaw_rad, dt_s)
     if priced:
+        # Nav2 fails the cycle if all samples collide, whatever the other critics say.
         for sample in range(q.batch_size):
             if space.touched[sample] < COLLISION:
                 return True
@@ -208,6 +221,7 @@ def _judge_plan(q: Any, memory: Any, space: Space, frame: Frame, given: Controll
     if not (aligned or followed or faced):
         return
     lay_plan(space.plan, free, given.window, frame, plan, n)
+    # Three critics ask for it; Nav2 too computes it once in a cycle.
     furthest = furthest_point(space, q.batch_size, n)
     scale = lay_table(q.PathAlignCritic, space, plan, free, memory.lengths, furthest) if aligned else 0.0
     point = followed_point(q.PathFollowCritic, free, furthest, n)
@@ -240,6 +254,8 @@ def _judge_plan(q: Any, memory: Any, space: Space, frame: Frame, given: Controll
 @inner
 def _center(q: Any, space: Space, sequence: Any) -> None:
     """Write the sequence and the gains of γ."""
+    # γ/σ² times the product of a control and the mean (Williams et al. 2017); the mean's own product, which Nav2 takes
+    # off, is the same for all samples.
     gain_v, gain_w = q.gamma / (q.vx_std * q.vx_std), q.gamma / (q.wz_std * q.wz_std)
     center = space.center
     for t in range(sequence.shape[1]):
@@ -256,6 +272,7 @@ def _center(q: Any, space: Space, sequence: Any) -> None:
 def _weigh(space: Space, samples: int, temperature: float) -> None:
     """Weights exp(-(S - min S) / temperature) of the samples; padding in the last group gets zero."""
     costs, weights = space.costs, space.weights
+    # The least cost is subtracted, else all weights of a long horizon would be 0 in 32 bits.
     least = costs[0]
     for sample in range(samples):
         least = min(least, costs[sample])
@@ -275,6 +292,7 @@ def _weigh(space: Space, samples: int, temperature: float) -> None:
             e = e * e
         store(weights, k, either(z, most, e, none))
     for sample in range(samples, (samples + ROW - 1) // ROW * ROW):
+        # The last group's lanes beyond the batch were drawn and judged like samples, and must not count.
         weights[sample] = 0.0
 
 
@@ -291,11 +309,13 @@ def _average(space: Space, sequence: Any, samples: int, draw: Draw) -> None:
     total = 0.0
     waiting = -1
     for first in range(0, samples, ROW):
+        # Most groups weigh nothing at the usual temperature; they need not be drawn again.
         share = 0.0
         for sample in range(first, first + ROW):
             share += weights[sample]
         if share < NEGLIGIBLE:
             continue
+        # Of the weights that are averaged, not of all: the negligible ones take no part in the mean either.
         total += share
         if is_omni:
             add_weighted_lateral(space, first, load(weights, first), steps, draw)
@@ -328,6 +348,7 @@ def _limit(speeds: Any, lowest: float, highest: float, rise: float, fall: float)
     for t in range(speeds.shape[0]):
         speed = min(max(speeds[t], lowest), highest)
         if t > 0:
+            # Backwards, speeding up and slowing down change places, as in Nav2's `applyControlSequenceConstraints`.
             slower, faster = (fall, rise) if last > 0.0 else (rise, fall)
             speed = min(max(speed, last - slower), last + faster)
         speeds[t] = speed
@@ -341,6 +362,7 @@ def _smooth(sequence: Any, history: Any, line: Any, shift: int) -> None:
     On their left stand the last four commands, on their right the last step as often as needed.
     """
     count = sequence.shape[1] - 1
+    # Nav2 does not smooth a sequence shorter than its filter's needs.
     if count < UNSMOOTHED:
         return
     for axis in range(sequence.shape[0]):
@@ -349,6 +371,8 @@ def _smooth(sequence: Any, history: Any, line: Any, shift: int) -> None:
         for t in range(count + 4):
             line[t + 4] = sequence[axis, min(t, count)]
         for t in range(count):
+            # Coefficients of the quadratic filter over 9 points (Savitzky and Golay 1964), as in Nav2; their sum is
+            # 231.
             total = 59.0 * line[t + 4] + 54.0 * (line[t + 3] + line[t + 5]) + 39.0 * (line[t + 2] + line[t + 6])
             total += 14.0 * (line[t + 1] + line[t + 7]) - 21.0 * (line[t] + line[t + 8])
             sequence[axis, t] = total / 231.0

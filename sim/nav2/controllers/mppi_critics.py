@@ -57,9 +57,11 @@ def add_cost(space: Space, first: int, cost: Any) -> None:
 @inner
 def cost_values(q: Any, values: Any, goal_m: float) -> None:
     """Write CostCritic's value of each cell cost."""
+    # Near the goal only what is critical or collides counts, as in Nav2: goals often lie inside of the inflation.
     near_goal = goal_m < q.near_goal_distance
     # What collides by its outline is found by that.
     collides_from = INSCRIBED if q.consider_footprint == 0 else UNKNOWN
+    # A table of all cell costs: the critics then read one number a point in place of branching on it.
     for cost in range(256):
         value = 0.0 if near_goal else float(cost)
         if cost > 0 and cost >= q.near_collision_cost:
@@ -74,9 +76,11 @@ def obstacle_values(q: Any, values: Any, goal_m: float, steps: int) -> None:
     for cost in range(1, 256):
         value = 0.0
         if q.inflation_radius > 0.0 and q.cost_scaling_factor > 0.0:
+            # Nav2 stores no distances: the inflation layer's cost is solved for the distance to the nearest obstacle.
             away_m = math.log(INSCRIBED / cost) / q.cost_scaling_factor
             value = q.critical_weight * max(q.collision_margin_distance - away_m, 0.0)
             if goal_m >= q.near_goal_distance:
+                # Nav2 takes the mean of the repulsion over the steps, but the sum of what is critical.
                 value += q.repulsion_weight * (q.inflation_radius - away_m) / steps
         values[cost] = COLLISION if cost >= INSCRIBED else value
 
@@ -85,6 +89,8 @@ def obstacle_values(q: Any, values: Any, goal_m: float, steps: int) -> None:
 def lay_frame(out: Any, values: Any, window: Window, pose: Any) -> Frame:
     """Write the value of each cell and of a border into `out`; crop a large window round the robot."""
     left_m, bottom_m, resolution_m = window.place[0], window.place[1], window.place[2]
+    # Two cells less than the frame's edge, for the border: a point off the window then reads a collision without a
+    # test.
     rows, columns = min(window.costs.shape[0], SIDE - 2), min(window.costs.shape[1], SIDE - 2)
     row, column = int((pose[1] - bottom_m) / resolution_m), int((pose[0] - left_m) / resolution_m)
     row = min(max(row - rows // 2, 0), window.costs.shape[0] - rows)
@@ -117,6 +123,8 @@ def judge_cells(space: Space, first: int, points: int, stride: int, frame: Frame
     total = splat(0.0)
     for p in range(points):
         total = total + gather(space.frame, cells, p * WIDTH)
+    # A collision is far greater than all other sums in 32 bits: one comparison finds it, and it tells `_sample` as
+    # well.
     store(space.touched, first, total)
     add_cost(space, first, either(total, splat(COLLISION), total * splat(weight), splat(crash)))
 
@@ -128,6 +136,7 @@ def judge_turns(space: Space, first: int, steps: int, scale: float, min_radius_m
     In a step 1 m/s goes `scale` cells, and 1 m costs `weight`.
     """
     track, turns = space.track, space.turns
+    # Nav2's ConstraintCritic divides the speed by the yaw rate; `least` keeps a straight step from dividing by zero.
     per_cell, least, most, none = splat(1.0 / scale), splat(STRAIGHT_RADPS), splat(min_radius_m), splat(0.0)
     x, y = load(track, 0), load(track, ROW)
     tighter = none
@@ -156,6 +165,7 @@ def judge_goal(space: Space, first: int, steps: int, goal: Any, weight: float) -
 def judge_goal_angle(space: Space, first: int, steps: int, dt_s: float, off_rad: float, weight: float) -> None:
     """GoalAngleCritic: the angles between the samples' headings and the goal's, the first of them `off_rad`."""
     dt, off = splat(dt_s), splat(off_rad)
+    # The first heading is that after the step by the measured twist, which all samples share.
     total = size(off)
     for k in range(0, (steps - 1) * ROW, ROW):
         off = off + load(space.turns, k) * dt
@@ -174,6 +184,7 @@ def _wrapped(angle_rad: Any) -> Any:
 @inner
 def judge_twirling(space: Space, first: int, steps: int, w_radps: float, weight: float, power: int) -> None:
     """TwirlingCritic: the mean absolute yaw rate of the samples, the measured one included."""
+    # Nav2's first control is the measured twist, which belongs to the mean.
     total = splat(abs(w_radps))
     for k in range(0, (steps - 1) * ROW, ROW):
         total = total + size(load(space.turns, k))
@@ -195,6 +206,8 @@ def mark(space: Space, first: int, points: int, stride: int) -> None:
     track, marks = space.track, space.marks
     out = rows_of(first, 3 * points)
     x, y = load(track, 0), load(track, ROW)
+    # Nav2 compares by the way that the sample has gone, not by its index: slow samples meet an earlier part of the
+    # plan.
     along = splat(0.0)
     for p in range(1, points + 1):
         k = p * stride * STEP
@@ -225,6 +238,7 @@ def lay_plan(out: Any, free: Any, window: Window, frame: Frame, plan: Any, n: in
         out[2 * i] = (plan[i, 0] - frame.left_m) / frame.resolution_m
         out[2 * i + 1] = (plan[i, 1] - frame.bottom_m) / frame.resolution_m
     for i in range(n - 1):
+        # The last point is left out, as Nav2's `findPathCosts` leaves it out.
         free[i] = cost_at(window, plan[i, 0], plan[i, 1]) < INSCRIBED
 
 
@@ -237,6 +251,8 @@ def furthest_point(space: Space, samples: int, n: int) -> int:
         end = rows_of(first, 4)
         x, y = load(ends, end), load(ends, end + ROW)
         dx, dy = splat(plan[2 * furthest]) - x, splat(plan[2 * furthest + 1]) - y
+        # The furthest so far only moves on: most groups of samples end short of it, and one comparison spares all of
+        # their points.
         here = dx * dx + dy * dy
         beyond = here
         for i in range(furthest + 1, n):
@@ -271,6 +287,7 @@ def lay_table(q: Any, space: Space, poses: Any, free: Any, lengths: Any, furthes
     for i in range(furthest):
         if not free[i]:
             blocked += 1
+        # Nav2 gives up on aligning along a path that dynamic obstacles block; two points are let pass as noise.
         if blocked > 2 and blocked > q.max_path_occupancy_ratio * furthest:
             return 0.0
     plan = space.plan
@@ -278,6 +295,7 @@ def lay_table(q: Any, space: Space, poses: Any, free: Any, lengths: Any, furthes
     for i in range(1, furthest):
         dx, dy = plan[2 * i] - plan[2 * i - 2], plan[2 * i + 1] - plan[2 * i - 1]
         lengths[i] = lengths[i - 1] + math.sqrt(dx * dx + dy * dy)
+    # A table by length replaces Nav2's binary search for each mark, which would branch differently in each lane.
     entries = BINS * (furthest - 1) + 1
     scale = (entries - 1) / lengths[furthest - 1] if lengths[furthest - 1] > 0.0 else 1.0
     i, per_entry = 0, 1.0 / scale
@@ -285,6 +303,7 @@ def lay_table(q: Any, space: Space, poses: Any, free: Any, lengths: Any, furthes
         middle = (entry + 0.5) * per_entry
         while i < furthest - 1 and middle >= 0.5 * (lengths[i] + lengths[i + 1]):
             i += 1
+        # Nav2 skips points that are not free: `FAR` says so without a second table, see `judge_alignment`.
         space.table_x[entry] = plan[2 * i] if free[i] else FAR
         space.table_y[entry] = plan[2 * i + 1]
         if q.use_path_orientations != 0:
@@ -302,6 +321,7 @@ def judge_alignment(
     """
     marks, entries = space.marks, space.cells
     at = rows_of(first, 3 * points)
+    # Marks beyond the furthest point are compared with it, as in Nav2.
     per_cell, last = splat(scale), splat(float(BINS * (furthest - 1)))
     for p in range(points):
         store_whole(entries, p * WIDTH, lower(load(marks, at + (3 * p + 2) * ROW) * per_cell, last))
@@ -316,6 +336,7 @@ def judge_alignment(
             turned = _wrapped(load(space.headings, headings) - gather(space.table_yaw, entries, p * WIDTH))
             turned = turned * splat(per_rad)
             square = square + turned * turned
+        # Half of FAR tells skipped points from all real distances, so that they enter neither sum nor count.
         away = root(square)
         total = total + either(away, far, away, none)
         count = count + either(away, far, one, none)
@@ -326,6 +347,7 @@ def judge_alignment(
 def followed_point(q: Any, free: Any, furthest: int, n: int) -> int:
     """The point that PathFollowCritic wants to be near: some points beyond the furthest, and free."""
     i = min(furthest + q.offset_from_furthest, n - 1)
+    # Nav2 stops at the last point but one whether that is free or not.
     while i < n - 2 and not free[i]:
         i += 1
     return int(i)
@@ -356,6 +378,7 @@ def judge_bearing(space: Space, first: int, point: int, mode: int, facing_rad: f
         along = dx * splat(math.cos(facing_rad)) + dy * splat(math.sin(facing_rad))
         dx, dy = either(along, splat(0.0), splat(0.0) - dx, dx), either(along, splat(0.0), splat(0.0) - dy, dy)
     ahead, aside = c * dx + s * dy, size(c * dy - s * dx)
+    # Nav2's mode 1 has no preference: the rear is as good as the front.
     if mode == 1:
         ahead = size(ahead)
     # The angle of (ahead, aside) by the arc tangent of a slope of at most 1 (Abramowitz and Stegun 4.4.49, 1e-5 rad).

@@ -191,6 +191,7 @@ def noise(cycle: int, spread_v: float, spread_w: float) -> NDArray[np.uint32]:
     length = 1 << (CYCLES_OF_NOISE * cycle - 1).bit_length()
     drawn = normals(np.random.default_rng(NOISE_SEED), (2, length), np.float32)
     drawn *= np.array([[spread_v], [spread_w]], dtype=np.float32)
+    # Shared and read-only: numbers drawn anew in each cycle are what Nav2 has a thread of its own for.
     words = aligned(length, np.uint32)
     words[:] = words_of(*drawn)
     words.flags.writeable = False
@@ -227,6 +228,7 @@ def next_noise(stream: Any, at: Any, length: int, used: int) -> int:
     Cycles follow each other through the noise with random gaps, so those that meet the same numbers again are at least
     six cycles apart, and meet them in another place: at another time, for another sample.
     """
+    # Whole rows, so that a group's loads stay aligned to a cache line.
     start = at[0] + ROW * integer_below(stream, GAP_ROWS)
     if start > length - used:
         start -= length - used
@@ -265,6 +267,7 @@ def follow(
     v, w, u = splat(draw.v_mps), splat(draw.w_radps), splat(draw.vy_mps)
     x, y = splat(start[0]), splat(start[1])
     c, s = splat(scale * start[2]), splat(scale * start[3])
+    # Costs of speeds are summed while the speeds are in registers: they are never stored.
     cost, reached, back = none, none, none
     store(track, 0, x)
     store(track, ROW, y)
@@ -285,8 +288,12 @@ def follow(
         store(track, (t + 1) * STEP, x)
         store(track, (t + 1) * STEP + ROW, y)
         square = w * w
+        # The products are those of Taylor's polynomials, see above: sines and cosines would cost as much as the rest of
+        # the step.
         sine, cosine = w * (linear - square * cubic), one - square * squared
         c, s = c * cosine - s * sine, s * cosine + c * sine
+        # max(|v - middle|, half) less half is the excess over the range: the branch is spared, and `half` is taken off
+        # once, below.
         reached = reached + higher(size(speed - middle), half)
         back = back + lower(v, none)
     v = splat(center[4 * last]) + load_upper(space.noise, at)
@@ -379,6 +386,7 @@ def _drawn(space: Space, at: int, mean_v: Any, mean_w: Any, v: Any, w: Any, draw
     """The next controls (v, w): noise round their mean, within reach of the ones before."""
     wish_v, wish_w = mean_v + load_upper(space.noise, at), mean_w + load_lower(space.noise, at)
     rise, fall, turn, none = splat(draw.rise), splat(draw.fall), splat(draw.turn), splat(0.0)
+    # The usual case spares two selections a step; the compiler can't know that the two are equal.
     if draw.rise == draw.fall:
         v = lower(higher(wish_v, v - rise), v + rise)
     else:  # backwards, speeding up and slowing down change places

@@ -34,6 +34,7 @@ def compute_velocity(q: Any, memory: RppMemory, given: ControllerInput) -> Any:
     n, inscribed_radius_m, end_yaw_rad = plan.shape[0], given.inscribed_radius_m, given.plan_end_yaw_rad
     lookahead_m, curvature_lookahead_m = q.lookahead_dist, q.curvature_lookahead_dist
     if q.use_velocity_scaled_lookahead_dist != 0:
+        # By the measured speed, not by the one ordered last: a robot that was stopped looks near again.
         lookahead_m = min(max(abs(twist[0]) * q.lookahead_time, q.min_lookahead_dist), q.max_lookahead_dist)
     if q.allow_reversing != 0:
         cusp_m = _cusp(pose, plan, n)
@@ -55,6 +56,8 @@ def compute_velocity(q: Any, memory: RppMemory, given: ControllerInput) -> Any:
         v, w = 0.0, rotation(q, bearing, twist[1], given.dt_s)
     else:
         square = bend_ahead * bend_ahead + bend_aside * bend_aside
+        # Arc through the robot and the carrot, tangent to its heading; the limit spares a division by nearly zero
+        # (Nav2's 0.001).
         curvature = 2.0 * bend_aside / square if square > 0.001 else 0.0
         cost = cost_at(window, pose[0], pose[1])
         v = direction * _regulated_speed(q, cost, inscribed_radius_m, pose, plan, n, curvature)
@@ -91,6 +94,8 @@ def _carrot(pose: Any, plan: Any, n: int, lookahead_m: float) -> Any:
                 dx, dy = px - last_x, py - last_y
                 along, square = last_x * dx + last_y * dy, dx * dx + dy * dy
                 inside = lookahead_m * lookahead_m - last_x * last_x - last_y * last_y
+                # Root of |last + part · d| = lookahead that lies ahead on the segment; rounding may take it beyond the
+                # segment's ends.
                 part = min((math.sqrt(max(along * along + square * inside, 0.0)) - along) / square, 1.0)
                 x, y = last_x + part * dx, last_y + part * dy
             break
@@ -105,6 +110,7 @@ def _regulated_speed(
 ) -> float:
     desired = q.desired_linear_vel
     by_curve, by_cost = desired, desired
+    # Infinite on a straight line, where kernels divide as C++ does.
     radius_m = 1.0 / abs(curvature)
     if q.use_regulated_linear_velocity_scaling != 0 and radius_m < q.regulated_linear_scaling_min_radius:
         by_curve = desired * radius_m / q.regulated_linear_scaling_min_radius
@@ -120,6 +126,7 @@ def _regulated_speed(
         walked_m += math.sqrt(dx * dx + dy * dy)
     if walked_m < q.approach_velocity_scaling_dist:
         end_m = math.hypot(plan[n - 1, 0] - pose[0], plan[n - 1, 1] - pose[1])
+        # Nav2 scales by the distance to the plan's end as the crow flies, and decides by the length of the plan.
         by_approach = speed * end_m / q.approach_velocity_scaling_dist
         speed = min(speed, max(by_approach, q.min_approach_linear_velocity))
     return float(min(abs(speed), desired))
@@ -131,6 +138,7 @@ def _collides(q: Any, window: Window, outline: Any, pose: Any, v: float, w: floa
     x, y, yaw = pose
     if outline_hits(window, outline, x, y, yaw):
         return True
+    # By steps of a cell no lethal cell can be jumped over, and no pose is looked at twice.
     if abs(v) < 0.01 and abs(w) > 0.01:
         # In place: steps in which the farthest vertex moves by one cell.
         farthest_m = 0.0
@@ -145,6 +153,7 @@ def _collides(q: Any, window: Window, outline: Any, pose: Any, v: float, w: floa
         x += dt_s * v * math.cos(yaw)
         y += dt_s * v * math.sin(yaw)
         yaw += dt_s * w
+        # Beyond the carrot the arc leaves the plan, which turns away from what stands there.
         if math.hypot(x - pose[0], y - pose[1]) > carrot_m:
             return False
         if outline_hits(window, outline, x, y, yaw):

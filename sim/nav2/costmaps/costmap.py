@@ -40,6 +40,8 @@ def observe(
     row0 = math.floor((sensor_y_m - origin_y_m) / resolution_m)
     if row0 < 0 or col0 < 0 or row0 >= rows or col0 >= columns:
         return
+    # Nav2's ObstacleLayer clears with all observations before it marks with any: a beam never erases what another one
+    # marks.
     for b in range(ranges_m.shape[0] if q.clearing else 0):
         reading = ranges_m[b]
         if not (reading >= range_min_m and reading < range_max_m):
@@ -49,6 +51,7 @@ def observe(
         col1 = math.floor((sensor_x_m + length * dx - origin_x_m) / resolution_m)
         row1 = math.floor((sensor_y_m + length * dy - origin_y_m) / resolution_m)
         clear_line(layer, col0, row0, col1, row1, q.short_clearing_cells)
+    # A beam that met nothing has no point to mark; Nav2 clears along it only where `inf_is_valid` gives it a length.
     nearest_m = max(range_min_m, q.obstacle_min_range)
     for b in range(ranges_m.shape[0] if q.marking else 0):
         reading = ranges_m[b]
@@ -78,7 +81,9 @@ def clear_line(layer: Any, col0: int, row0: int, col1: int, row1: int, short_cel
     else:
         longer, shorter, room, room_aside = d_row, d_col, room_row, room_col
         step, aside = step_row * columns, step_col
+    # Nav2's `bresenham2D` begins with half an error: other rounding would clear other cells at the ends of beams.
     error = longer // 2
+    # The number of steps is known beforehand, so that the loop needs no test for the layer's edge.
     last = min(longer - short_cells, room)
     if shorter > 0:
         # The last step before the line has gone aside once more than there is room.
@@ -112,6 +117,7 @@ def clear_polygon(layer: Any, place: Any, outline: Any, x_m: float, y_m: float, 
     left, right = vertices[:, 0].min(), vertices[:, 0].max()
     if left < 0 or right >= columns or vertices[:, 1].min() < 0 or vertices[:, 1].max() >= rows:
         return
+    # Columns' extents instead of a list of cells that would have to be sorted, as Nav2 does it in `convexFillCells`.
     lowest, highest = np.full(right - left + 1, rows), np.full(right - left + 1, -1)
     for k in range(count):
         end = (k + 1) % count
@@ -148,6 +154,7 @@ def roll(layer: Any, scratch: Any, shift_columns: int, shift_rows: int) -> None:
         for c in range(columns):
             from_r, from_c = r + shift_rows, c + shift_columns
             inside = from_r >= 0 and from_c >= 0 and from_r < rows and from_c < columns
+            # By a copy: in place, the direction of the loops would depend on that of the shift.
             scratch[r, c] = layer[from_r, from_c] if inside else UNSEEN
     for r in range(rows):
         for c in range(columns):
@@ -186,6 +193,7 @@ def merge_window(
                 _stamp_within(static, layer, stamp, row, column, row0, row1, col0, col1, costs)
     for row in range(row0, row1):
         for column in range(col0, col1):
+            # After the inflation, which unknown cells let pass; what a scan has seen is known.
             if static[row, column] == UNKNOWN and layer[row, column] == UNSEEN and costs[row, column] < INSCRIBED:
                 costs[row, column] = UNKNOWN
     return row0, row1, col0, col1
@@ -203,6 +211,7 @@ def _stamp_within(
         walled_in = True
         for r, c in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
             walled_in = walled_in and (layer[r, c] == MARKED or static[r, c] == LETHAL)
+        # A cell that lethal ones enclose raises none that they do not raise: inside of thick marks nothing is stamped.
         if walled_in:
             return
     raise_round(costs, stamp, row, column, (row0, row1, col0, col1))
@@ -214,6 +223,7 @@ def denoised(static: NDArray[np.uint8], q: DenoiseLayer) -> NDArray[np.uint8]:
     structure = np.ones((3, 3)) if q.group_connectivity_type == 8 else None
     labels, _ = scipy.ndimage.label(lethal, structure)
     small = np.bincount(labels.ravel()) < q.minimal_group_size
+    # Label 0 is all that is not lethal.
     small[0] = False
     return np.where(small[labels], np.uint8(FREE), static)
 
@@ -265,6 +275,8 @@ def _is_large(q: Any, lethal: Any, group: Any, row: int, column: int) -> bool:
                 r, c = group[at, 0] + dy, group[at, 1] + dx
                 if r < 0 or c < 0 or r >= rows or c >= columns or lethal[r, c] == 0 or count >= q.minimal_group_size:
                     continue
+                # A search among a few cells: groups end at `minimal_group_size`, usually 2, so that a set would cost
+                # more.
                 known = False
                 for k in range(count):
                     known = known or (group[k, 0] == r and group[k, 1] == c)

@@ -104,6 +104,7 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
     if m.path_n == 0:
         m.follow_tick = m.tick
     if m.replan_in > 0:
+        # Nav2's RateController ticks its child anew once its period is over, counted from the last success.
         m.replan_in -= 1
     elif (m.global_current == 1 or _waited(m, m.plan_tick, p.planner_server.costmap_update_timeout)) and not _replan(
         p, m, g, route, controller
@@ -123,6 +124,7 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
     if not cycle_begins(p, m):
         return
     checker = p.progress_checker
+    # In the odom frame, as Nav2 checks it: a jump of the localization is no progress.
     moved_m, turned_rad = math.hypot(m.odom_x - m.base_x, m.odom_y - m.base_y), wrapped(m.odom_yaw - m.base_yaw)
     if moved_m > checker.required_movement_radius or abs(turned_rad) > checker.required_movement_angle:
         _reset_progress(m)
@@ -268,6 +270,8 @@ def _goal_reached(p: Any, m: Any) -> bool:
     """StoppedGoalChecker: the position once, then the yaw, and the robot's rest; a new path takes the latch back."""
     q = p.goal_checker
     near = math.hypot(m.goal_x - m.x, m.goal_y - m.y) <= abs(q.xy_goal_tolerance)
+    # A robot that has been near need only turn and rest; otherwise the jitter of the estimate would send it back and
+    # forth.
     if near and q.stateful:
         m.latched = 1
     if not (near or m.latched == 1) or abs(wrapped(m.goal_yaw - m.yaw)) > q.yaw_goal_tolerance:
@@ -298,6 +302,7 @@ def _control_failed(p: Any, m: Any, goals: Any, controller: Bound, code: int) ->
     if m.follow_retries == 1 or not _recoverable(code):
         _recover(p, m, goals)
         return
+    # Nav2's RecoveryNode round FollowPath has one retry; what fails after it is the pipeline's failure.
     m.follow_retries = 1
     _clear(m, state.CLEAR_LOCAL)
     _reset_checkers(m)
@@ -306,6 +311,7 @@ def _control_failed(p: Any, m: Any, goals: Any, controller: Bound, code: int) ->
 @inner
 def _recoverable(code: int) -> bool:
     """Whether the default trees try a recovery for an error: UNKNOWN, PATIENCE, PROGRESS, NO_VALID_CONTROL; no path, timeout."""
+    # What WouldAControllerRecoveryHelp, WouldAPlannerRecoveryHelp, and their like in Nav2's default trees ask for.
     return code in (100, 104, 105, 106, 200, 207, 208, 300, 307, 308)
 
 
@@ -336,6 +342,8 @@ def _next_recovery(p: Any, m: Any, goals: Any) -> None:
     if m.tried == 4:
         _give_up(p, m, goals)
         return
+    # Nav2's RoundRobin goes on where it stopped, so the second failure of a mission gets another recovery than the
+    # first.
     turn = m.round_robin
     m.round_robin = (turn + 1) % 4
     m.tried += 1
@@ -371,10 +379,12 @@ def _spin(p: Any, m: Any, local: Local, goals: Any) -> None:
     q = p.behavior_server
     m.done += wrapped(m.odom_yaw - m.last_yaw)
     m.last_yaw = m.odom_yaw
+    # Summed over cycles, not measured from the start: a turn beyond π would look like a short one the other way.
     remaining = SPIN_RAD - abs(m.done)
     if remaining < 1e-6:
         _resume(m)
         return
+    # The rate from which the robot just stops at the angle with the acceleration limit (v² = 2 a s).
     rate = math.sqrt(2.0 * q.rotational_acc_lim * remaining)
     rate = min(max(rate, q.min_rotational_vel), q.max_rotational_vel)
     if m.tick >= m.until or _spin_collides(m, local, rate, q.simulate_ahead_time):
@@ -397,6 +407,7 @@ def _spin_collides(m: Any, local: Local, rate: float, ahead_s: float) -> bool:
 
 @inner
 def _back_up(p: Any, m: Any, local: Local, goals: Any) -> None:
+    # The straight distance, as in Nav2's DriveOnHeading.
     m.done = math.hypot(m.odom_x - m.last_x, m.odom_y - m.last_y)
     if m.done >= BACK_UP_M:
         _resume(m)

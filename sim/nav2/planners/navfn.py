@@ -85,6 +85,7 @@ def propagate(
     for row in range(extent[0], extent[1]):
         for column in range(extent[2], extent[3]):
             out[row, column] = UNREACHED
+    # Flat views: one index for a cell in place of two, in the innermost loop of a flood over millions of cells.
     cost_of, potential_of, pending, lower_of = travel.ravel(), out.ravel(), pending_flags.ravel(), lower.ravel()
     beside = np.array([-1, 1, -columns, columns])
     root, stop = root_y * columns + root_x, stop_y * columns + stop_x
@@ -99,6 +100,7 @@ def propagate(
             pending[cell] = 1
             buffers[current, n_current] = cell
             n_current += 1
+    # NavFn's priority steps: cells whose value is above the threshold wait in the overflow for the next round.
     threshold = np.float32(OBSTACLE)
     if astar:
         threshold += np.float32(NEUTRAL * math.hypot(root_x - stop_x, root_y - stop_y))
@@ -140,6 +142,7 @@ def propagate(
                 if value + lower_of[there] > bound:
                     continue
                 if rank < threshold:
+                    # NavFn drops cells that find no room: on wide floors its potential has holes, and so has this one.
                     if n_following < BUFFER_CELLS:
                         buffers[following, n_following] = there
                         n_following += 1
@@ -177,6 +180,8 @@ def descend(values: Any, from_x: int, from_y: int, root_x: int, root_y: int, out
     at, size = from_y * columns + from_x, rows * columns
     dx, dy, one, none = np.float32(0.0), np.float32(0.0), np.float32(1.0), np.float32(0.0)
     for n in range(out.shape[0]):
+        # NavFn asks whether the cell that the point rounds to is the start's, by its value: no other lies below the
+        # neutral cost.
         near = min(max(at + _rounded(dx) + columns * _rounded(dy), 0), size - 1)
         if cells[near] < NEUTRAL:
             out[n, 0], out[n, 1] = root_x, root_y
@@ -184,6 +189,7 @@ def descend(values: Any, from_x: int, from_y: int, root_x: int, root_y: int, out
         if at < columns or at >= size - columns:
             return 0
         out[n, 0], out[n, 1] = np.float32(at % columns) + dx, np.float32(at // columns) + dy
+        # Two steps that end where they began are an oscillation: NavFn takes the grid's lowest neighbor then.
         rough = n > 1 and out[n, 0] == out[n - 2, 0] and out[n, 1] == out[n - 2, 1]
         for row in range(at - columns, at + columns + 1, columns):
             for cell in range(row - 1, row + 2):

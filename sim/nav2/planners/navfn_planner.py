@@ -115,6 +115,7 @@ def _plan_leg(
     if not _inside(memory.travel, column, row):
         return 0, goal_x_m, goal_y_m
     before = memory.travel[row, column]
+    # Nav2 clears the robot's cell: it may stand in the inflation of what it has come near to.
     memory.travel[row, column] = NEUTRAL
     n = 0
     # The nearest free point is the nearest that can be reached, unless the flood says otherwise.
@@ -183,6 +184,7 @@ def _propagate(
 def _flood_within_bounds(memory: NavFnMemory, leg: int, start: Cell, end: Cell, stop: Cell) -> bool:
     """Search among paths little dearer than the expected one; return whether one was found."""
     b, to_goal, (column, row), (end_column, end_row) = memory.bounds[leg], memory.to_goal[leg], start, end
+    # No bound leads out of a cell that the bare map blocks; only the scan's clearing may have opened it.
     if memory.least[row, column] >= OBSTACLE:
         return False
     if b.goal_column != end_column or b.goal_row != end_row or to_goal[row, column] == 0.0:
@@ -201,6 +203,7 @@ def _flood_within_bounds(memory: NavFnMemory, leg: int, start: Cell, end: Cell, 
             expected = memory.potential[end_row, end_column]
             # A path that only just fits has been cut at its sides.
             if expected + 0.5 * margin <= bound:
+                # The next plan to this goal begins with the excess that this one found: usually its first bound holds.
                 b.detour = max(expected / to_goal[row, column], 1.0)
                 return True
         else:
