@@ -85,7 +85,13 @@ def past_of(directory: Path) -> Past:
         for each in [each for family in metadata["producers"].values() for each in family]:
             evaluation_ingredients(metadata, each)
         for row in past.rows:
-            _ = values_of(row), ", ".join(writers(row).values()), row["family"], row["scenario_digest"], row["duplicate_of"]
+            _ = (
+                values_of(row),
+                ", ".join(writers(row).values()),
+                row["family"],
+                row["scenario_digest"],
+                row["duplicate_of"],
+            )
         _ = metadata["name"], metadata["created"], past.by_key, past.recorded, [*asked_of(metadata).only]
         _ = past.wanted if asked_of(metadata).sequential else None
     return past
