@@ -127,13 +127,13 @@ def obstacle_tracks_of(
 
 
 def _moving(situation: Situation, signals: Mapping[str, NDArray[np.float64]]) -> Iterator[ObstacleTrack]:
-    for body in situation.movers:
-        if len(signals.get(f"mover_x_m/{body.name}", ())):
-            x_m, y_m, yaw_rad = (signals[f"mover_{part}/{body.name}"] for part in ("x_m", "y_m", "yaw_rad"))
+    for name, shape in situation.movers.items():
+        if len(signals.get(f"mover_x_m/{name}", ())):
+            x_m, y_m, yaw_rad = (signals[f"mover_{part}/{name}"] for part in ("x_m", "y_m", "yaw_rad"))
             since_ms = np.rint(signals["t_s"] * 1000.0).astype(np.int64)
             since_ms[0] = _BEFORE_MS
             pose = Pose(float(x_m[0]), float(y_m[0]), float(yaw_rad[0]))
-            obstacle = Obstacle(body.name, body.shape, pose)
+            obstacle = Obstacle(name, shape, pose)
             yield ObstacleTrack(obstacle, since_ms, np.column_stack((x_m, y_m)), yaw_rad, moves=True)
 
 

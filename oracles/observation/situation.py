@@ -1,14 +1,15 @@
 """The situation: the facts of a scenario that observation and oracles use."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.reading.movers import movers_of
+from vastflow.sim.model.shape import Box, Disc
+from vastflow.sim.reading.movers import mover_shapes
 from vastflow.sim.reading.script import script_of
 from vastflow.sim.system.system import system_of
-from vastflow.sim.world.mover import MovingBody
 from vastflow.sim.world.robot_model import TURTLEBOT_4, TURTLEBOT_4_RADIUS_M
 
 
@@ -23,7 +24,7 @@ class Situation:
         inscribed_radius_m: Of the body in the section `robot`, else of the local costmap's footprint.
         circumscribed_radius_m: Of the robot's body.
         passed: The goals that a mission through poses passes by, in order.
-        movers: Bodies that move by themselves.
+        movers: Shapes of bodies that move by themselves, by their names.
     """
 
     start: Pose | None
@@ -32,7 +33,7 @@ class Situation:
     inscribed_radius_m: float = TURTLEBOT_4_RADIUS_M
     circumscribed_radius_m: float = TURTLEBOT_4.radius_m
     passed: tuple[Pose, ...] = ()
-    movers: tuple[MovingBody, ...] = ()
+    movers: Mapping[str, Disc | Box] = field(default_factory=dict)
 
 
 def situation_of(scenario: Scenario) -> Situation:
@@ -46,5 +47,5 @@ def situation_of(scenario: Scenario) -> Situation:
         return Situation(None, script.goals, script.obstacles)
     system = system_of(scenario.system, is_drawn=True)
     radii_m = system.inscribed_radius_m, system.robot.radius_m
-    movers = movers_of(scenario.environment)
+    movers = mover_shapes(scenario.environment)
     return Situation(script.start, script.goals, script.obstacles, *radii_m, script.passed, movers)

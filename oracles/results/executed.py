@@ -137,7 +137,14 @@ def _value(value: Any, files: KeptFiles) -> Any:
         if set(value) == {"file"} and _DIGEST.fullmatch(str(value["file"])):
             return files.content(value["file"])
         return {key: _value(item, files) for key, item in value.items()}
-    return [_value(item, files) for item in value] if isinstance(value, list) else value
+    if not isinstance(value, list):
+        return value
+    match value:
+        case [{"file": str(digest)}, str(name)] if _DIGEST.fullmatch(
+            digest
+        ):  # a plug-in, which nobody executes from here
+            return f"{digest}.py:{name}"
+    return [_value(item, files) for item in value]
 
 
 def environment_names(directory: Path, environments: Iterable[str | None]) -> dict[str, str]:

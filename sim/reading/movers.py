@@ -30,11 +30,15 @@ def movers_of(environment: Mapping[str, Value]) -> tuple[MovingBody, ...]:
     Raises:
         ScenarioError: one can't be read; with its place, the problem, and what was expected.
     """
-    found = tuple(_movers(environment.get(MOVERS_KEY, ())))
-    for k, body in enumerate(found):
-        if any(body.name == other.name for other in found[:k]):
-            raise ScenarioError(f"{MOVERS_KEY}[{k}].name: expected a name of its own, got {body.name!r} again")
-    return found
+    return tuple(
+        MovingBody(name, shape, _rule(entry, place))
+        for place, entry, name, shape in _bodies(environment.get(MOVERS_KEY, ()))
+    )
+
+
+def mover_shapes(environment: Mapping[str, Value]) -> Mapping[str, Disc | Box]:
+    """Return the shapes of movers by their names, as `movers_of` does, and load no rule."""
+    return {name: shape for _, _, name, shape in _bodies(environment.get(MOVERS_KEY, ()))}
 
 
 def movers_value(value: Value, base: Path) -> Value:
@@ -49,9 +53,11 @@ def movers_value(value: Value, base: Path) -> Value:
     ]
 
 
-def _movers(value: Value) -> Iterator[MovingBody]:
+def _bodies(value: Value) -> Iterator[tuple[str, Mapping[str, Value], str, Disc | Box]]:
+    """Yield the place, entry, name, and shape of each mover."""
     if not isinstance(value, Sequence) or isinstance(value, str):
         raise ScenarioError(f"{MOVERS_KEY}: expected a list of movers, got {value!r}")
+    names: set[str] = set()
     for k, entry in enumerate(value):
         place = f"{MOVERS_KEY}[{k}]"
         if not isinstance(entry, Mapping):
@@ -59,7 +65,10 @@ def _movers(value: Value) -> Iterator[MovingBody]:
         name = entry.get("name")
         if not isinstance(name, str) or not re.fullmatch(r"[\w .-]+", name):
             raise ScenarioError(f"{place}.name: expected letters, digits, blanks, '.', '_', or '-', got {name!r}")
-        yield MovingBody(name, _shape(entry.get("shape"), f"{place}.shape"), _rule(entry, place))
+        if name in names:
+            raise ScenarioError(f"{place}.name: expected a name of its own, got {name!r} again")
+        names.add(name)
+        yield place, entry, name, _shape(entry.get("shape"), f"{place}.shape")
 
 
 def _shape(value: Value, place: str) -> Disc | Box:

@@ -15,12 +15,14 @@ from synthetic import walled_room, write_map
 from table import each_row
 
 from vastflow.oracles.judgment.verdict import run_judgment
+from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.results import schema
-from vastflow.oracles.results.executed import NAMED_FILES, KeptFiles, environment_names, kept_map
+from vastflow.oracles.results.executed import NAMED_FILES, KeptFiles, environment_names, kept_map, scenario_of_row
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import CODES, ConfigurationTable, VerdictTable
 from vastflow.oracles.results.units import units_of
 from vastflow.sim.model.digest import file_digest
+from vastflow.sim.model.shape import Box
 from vastflow.sim.world.readers.reader import WorldError
 from vastflow.sim.world.world import map_content
 
@@ -132,6 +134,17 @@ def test_kept_files_are_found_by_digest(tmp_path):
     assert (files.path(file_digest(plan)), files.path("5011d")) == (plan, mesh)
     with pytest.raises(ValueError, match=re.escape("no file has the digest 0123456789ab… that the scenario names")):
         files.path("0123456789abcdef")
+
+
+def test_scenarios_and_situations_of_kept_rows_load_no_plug_in(tmp_path):
+    own, shape = [{"file": "a" * 64}, "Own"], {"length_m": 0.6, "width_m": 0.4}
+    task = {"start_pose": {"x": 1.0, "y": 1.0}, "goal_pose": {"x": 2.0, "y": 1.0}}
+    movers = {"movers": [{"name": "cart", "shape": shape, "rule": own, "x_m": 2.0}]}
+    system = {"robot.lidar.noise.model": own}
+    content = json.dumps({"environment": movers, "task": task, "system": system})
+    row = {"abstract": "builtin:navigate_to_pose", "scenario": content, "timeout_s": 20.0}
+    scenario = scenario_of_row(row, KeptFiles(tmp_path))
+    assert situation_of(scenario).movers == {"cart": Box(0.6, 0.4)}  # no file has such a digest
 
 
 @pytest.mark.parametrize("leads_out", ["link to the file", "link to the picture", "image"])

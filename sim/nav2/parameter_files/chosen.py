@@ -41,7 +41,7 @@ from vastflow.sim.system.keys import (
     RELEASE_KEY,
     SPEED_KEY,
 )
-from vastflow.sim.system.robot import NAMESPACE_KEY, NOISE_PLACE, robot_keys
+from vastflow.sim.system.robot import NAMESPACE_KEY, NOISE_MODEL_KEY, NOISE_PLACE, robot_keys
 from vastflow.sim.world.noise_registry import GaussianDropoutParameters
 
 WHOLE: Final = re.compile(r"[-+]?\d+")
@@ -151,6 +151,9 @@ def parameters_of(system: Mapping[str, Value]) -> NavParameters:
     return _chosen(_system(system)).interpretation.parameters
 
 
+_NOISE: Final = ".".join((*NOISE_PLACE, ""))
+
+
 def drawn_parameters(system: Mapping[str, Value]) -> NavParameters:
     """The parameters of a system without those of plug-ins in files, of which nothing is executed; raises as `parameters_of`."""
     return _drawn(system).interpretation.parameters
@@ -160,6 +163,8 @@ def _drawn(system: Mapping[str, Value]) -> Chosen:
     file = system.get(FILE_KEY)
     named = [*system.values(), *(loaded(file).values.values() if isinstance(file, FileContent) else ())]
     own = any(FILE in str(value) for value in named)  # others share what `parameters_of` made
+    if FILE in str(system.get(NOISE_MODEL_KEY)):
+        system = {key: value for key, value in system.items() if not key.startswith(_NOISE)}
     return _chosen(replace(_system(system), drawn=own))
 
 
