@@ -10,9 +10,7 @@ from vastflow.flows.export.run import ExportedRun
 from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.registry import plug_in_class
-
-GROUP: Final = "vastflow.formats"
+from vastflow.sim.plug_ins.registry import Registry
 
 ExportedFile: TypeAlias = tuple[str, bytes | Path]
 """Place below the export's folder, with `/`, and the content, or a file to copy."""
@@ -60,6 +58,15 @@ class Format(ABC):
         """Yield the files of the export, each once, in an order of its own; nothing is written elsewhere."""
 
 
+FORMATS: Final[Registry[Format]] = Registry(
+    "vastflow.formats",
+    "format",
+    Format,  # type: ignore[type-abstract]
+    "working directory",
+    takes_folder=True,
+)
+
+
 def format_of(name: str, base: Path) -> Format:
     """Return the format called `name` in the entry-point group, or `file.py:Class` relative to `base`.
 
@@ -68,7 +75,7 @@ def format_of(name: str, base: Path) -> Format:
     """
     try:
         with plug_in_code():
-            made: Format = plug_in_class(GROUP, "format", Format, name, base)()
+            made: Format = FORMATS.find(name, base)()
     except PlugInError as error:
         raise UserError(str(error)) from None
     except Exception as error:

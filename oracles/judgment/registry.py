@@ -14,7 +14,7 @@ from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.registry import installed_plug_in, known_plug_ins
+from vastflow.sim.plug_ins.registry import known_plug_ins
 from vastflow.sim.plug_ins.snapshot import snapshot_of
 
 GROUP: Final = "vastflow.oracles"
@@ -41,7 +41,7 @@ class OracleError(ValueError):
 
 def known_oracles() -> tuple[str, ...]:
     """Names in the entry-point group `vastflow.oracles`, sorted."""
-    return known_plug_ins(GROUP)
+    return tuple(known_plug_ins(GROUP))
 
 
 def oracle_of(name: str, parameters: Mapping[str, Any], base: Path = Path()) -> Oracle[Any]:
@@ -75,8 +75,10 @@ def oracle_class(name: str, base: Path = Path()) -> type[Oracle[Any]]:
     """
     if ".py:" in name or name.endswith(".ipynb"):
         found = _class_of_file(name, base)
-    elif (found := installed_plug_in(GROUP, name)) is None:
+    elif (entry := known_plug_ins(GROUP).get(name)) is None:
         raise _refused(name, f"unknown oracle {name!r}", did_you_mean(name, known_oracles()))
+    else:
+        found = entry.load()
     if not (isinstance(found, type) and issubclass(found, Oracle)):
         raise _refused(name, f"{name!r} is not an oracle", f"expected a subclass of {Oracle.__module__}.Oracle")
     return found

@@ -1,7 +1,7 @@
 """The campaign file, version 1 of the format, as pydantic models and as JSON Schema."""
 
 from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, Field, WithJsonSchema, model_validator
@@ -24,7 +24,7 @@ from vastflow.producers.campaign_file.sections import (
 )
 from vastflow.producers.model.faults import Location
 from vastflow.producers.model.numbers import Amount, Count, Positive, Seed
-from vastflow.producers.model.producer import find_producer, known_producers
+from vastflow.producers.model.producer import PRODUCERS, find_producer
 from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.names import nearest
 from vastflow.sim.model.scenario import Dimension
@@ -309,7 +309,7 @@ _PLACE: Final = "#/$defs/"
 
 def campaign_schema() -> dict[str, Any]:
     """The schema of a `.vast` file (JSON Schema 2020-12), with the parameters of every installed producer."""
-    producers = {name: find_producer(name, Path()) for name in known_producers()}
+    producers = {name: find_producer(name) for name in PRODUCERS.known}
     models = {producer.Parameters: name for name, producer in producers.items()}
     references, definitions = models_json_schema(
         [(CampaignSpec, "validation"), *((model, "validation") for model in models)],

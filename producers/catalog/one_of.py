@@ -32,10 +32,8 @@ def _child(value: Any, info: ValidationInfo) -> Producer[Any]:
     ((name, given),) = value.items()
     try:
         kind = find_producer(name, Path((info.context or {}).get("base", ".")))
-    except Exception as error:
-        why = Invalid(f"{name!r} can't be imported: {type(error).__name__}: {error}")
-        said = error if isinstance(error, PlugInError) else why
-        raise PydanticCustomError("child", "{error}", {"error": said, "at": name}) from error
+    except PlugInError as error:
+        raise PydanticCustomError("child", "{error}", {"error": error, "at": name}) from error
     try:
         return kind(kind.Parameters.model_validate({} if given is None else given, context=info.context))
     except ValidationError as error:

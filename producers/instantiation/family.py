@@ -308,14 +308,12 @@ class FamilyReader:
         return links, len(links) == len(raw)
 
     def _producer(self, location: Location, name: str, given: Any, system: Mapping[str, Value]) -> Producer[Any] | None:
-        verb, right = "can't be imported:", ""
         kind: type[Producer[Any]] | None = None
         try:
             kind = find_producer(name, self._base)
             if given is not None and not isinstance(given, dict):
                 self._fault(location, Got(shown(given)), f"the parameters of {name} as a mapping")
                 return None
-            verb, right = "raised", "a producer follows vastflow.producers.model.producer.Producer"
             with plug_in_code():
                 producer = kind(kind.Parameters.model_validate(given or {}, context=self._context))
                 check_declared(producer)
@@ -327,7 +325,8 @@ class FamilyReader:
             if kind is not None and isinstance(error, ValidationError):
                 self.faults += faults_of(self._document, location, kind.Parameters, error)
             else:
-                self._fault(location, f"{name!r} {verb} {type(error).__name__}: {error}", right, at="key")
+                right = "a producer follows vastflow.producers.model.producer.Producer"
+                self._fault(location, f"{name!r} raised {type(error).__name__}: {error}", right, at="key")
         else:
             return producer
         return None

@@ -19,9 +19,8 @@ from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.plug_ins.effects import plug_in_code, watched
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.registry import known_plug_ins, plug_in_class
+from vastflow.sim.plug_ins.registry import Registry
 
-GROUP: Final = "vastflow.producers"
 ROOM_KEY: Final = "_room_m"
 """Provenance: how far from walls the robot's center is wherever a producer lets it begin or end (m). It narrows what is drawn and
 seeds nothing: for robots of two sizes the same is drawn wherever the larger fits."""
@@ -206,16 +205,12 @@ def draws_of(producer: Producer[Any], inputs: Mapping[str, Value]) -> Draws:
     return Draws(producer.seed, digest(type(producer).__name__, sorted(producer.writes), seeding))
 
 
-def known_producers() -> tuple[str, ...]:
-    """Names in the entry-point group `vastflow.producers`, sorted."""
-    return known_plug_ins(GROUP)
+PRODUCERS: Final[Registry[Producer[Any]]] = Registry(
+    "vastflow.producers",
+    "producer",
+    Producer,  # type: ignore[type-abstract]
+    "campaign file",
+    takes_folder=True,
+)
 
-
-def find_producer(name: str, base: Path) -> type[Producer[Any]]:
-    """The class called `name` in the entry-point group, or `file.py:Class` relative to `base`.
-
-    Raises:
-        PlugInError: see `vastflow.sim.plug_ins.registry.plug_in_class`; and whatever its code raises.
-    """
-    found: type[Producer[Any]] = plug_in_class(GROUP, "producer", Producer, name, base)
-    return found
+find_producer = PRODUCERS.find

@@ -1,7 +1,7 @@
 """Reading a search, with its faults and the reasons why a valid one can't run here."""
 
 import importlib.util
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -115,7 +115,7 @@ class _Reading:
             try:
                 find_producer(name, self._base)
                 return False
-            except Exception as error:  # noqa: BLE001 - whatever a user's file raises while it is imported
+            except PlugInError as error:
                 self._not_here(where, str(error), "expected a subclass of vastflow's Producer", "key")
         return True
 
@@ -153,9 +153,6 @@ class _Reading:
             say = self._not_here if ".py:" in name else self._fault
             say(where, error.problem, error.expected)
             return None
-        except Exception as error:  # noqa: BLE001 - whatever a user's file raises while it is imported
-            self._not_here(where, f"{name!r} can't be imported: {type(error).__name__}: {error}", "")
-            return None
         if kind is Boundary and (complaint := boundary_complaint(self._spec.search_space)):
             self._fault((*SEARCH, "search_space"), complaint, "", "key")
         if kind.library and importlib.util.find_spec(kind.library) is None:
@@ -184,7 +181,8 @@ class _Reading:
         kind, parameters = found
         numbers = [name for name, each in self._spec.search_space.items() if each.type in ("float", "int")]
         for name in kind.measures(parameters):
-            where = next(_places_of(self._document, _PARAMETERS, name), _PARAMETERS)
+            below = (at for at in self._document.keys if at[: len(_PARAMETERS)] == _PARAMETERS and at[-1] == name)
+            where = next(below, _PARAMETERS)
             self._check_name(where, "measure", name, [*quantities, *numbers], "key")
         for k, stopping in enumerate(self._spec.stopping):
             if stopping.metric is not None:
@@ -208,7 +206,3 @@ class _Reading:
         if self._spec.max_proposals < self._spec.per_batch:
             what = Got(f"{self._spec.max_proposals}, less than a batch of {self._spec.per_batch} points")
             self._fault((*SEARCH, "max_proposals"), what, f"{self._spec.per_batch} or more")
-
-
-def _places_of(document: Document, below: Location, key: str) -> Iterator[Location]:
-    return (where for where in document.keys if where[: len(below)] == below and where[-1] == key)

@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, ClassVar, Final, Generic, Literal, TypeAlias, TypeVar
 
 import numpy as np
@@ -11,7 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 from vastflow.producers.search.space import Point, Space
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.plug_ins.registry import plug_in_class
+from vastflow.sim.plug_ins.registry import Registry
 
 FAMILY: Final = "search"
 """Family of all points of a search, in tables and in the report."""
@@ -62,9 +61,6 @@ class Evaluation:
     runs: int = 0
     simulated_s: float = 0.0
     reason: str = ""
-
-
-GROUP: Final = "vastflow.strategies"
 
 
 class StrategyParameters(BaseModel):
@@ -164,10 +160,15 @@ def asked(strategy: Strategy[Any], batch: int, count: int) -> list[Point]:
     return points
 
 
-def find_strategy(name: str, base: Path) -> type[Strategy[Any]]:
-    """The class called `name` in the entry-point group, or `file.py:Class`; raises as `plug_in_class`."""
-    found: type[Strategy[Any]] = plug_in_class(GROUP, "strategy", Strategy, name, base)
-    return found
+STRATEGIES: Final[Registry[Strategy[Any]]] = Registry(
+    "vastflow.strategies",
+    "strategy",
+    Strategy,  # type: ignore[type-abstract]
+    "campaign file",
+    takes_folder=True,
+)
+
+find_strategy = STRATEGIES.find
 
 
 def missing_library(name: str) -> UserError:

@@ -19,45 +19,13 @@ from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot, snapshot_of
 FILE: Final = ".py:"
 """Name of a plug-in in a file, such as `my_pursuit.py:PurePursuit`."""
 
-PlugIn = TypeVar("PlugIn", bound=ParameterGroup)
+PlugIn = TypeVar("PlugIn")
 
 
 @functools.cache
-def _entries(group: str) -> Mapping[str, EntryPoint]:
-    """The entry points of a group by name, sorted; to look through all distributions takes 10 ms."""
+def known_plug_ins(group: str) -> Mapping[str, EntryPoint]:
+    """Return the entry points of a group by name, sorted; to look through all distributions takes 10 ms."""
     return dict(sorted((entry.name, entry) for entry in entry_points(group=group)))
-
-
-def known_plug_ins(group: str) -> tuple[str, ...]:
-    """Names in a group of entry points, sorted."""
-    return tuple(_entries(group))
-
-
-def installed_plug_in(group: str, name: str) -> Any | None:
-    """Load the entry point of this name, or return None."""
-    return _entries(group)[name].load() if name in _entries(group) else None
-
-
-def plug_in_class(group: str, noun: str, base: type, name: str, folder: Path) -> Any:
-    """Return the subclass of `base` called `name` in a group of entry points, or `file.py:Class` below `folder`.
-
-    Raises:
-        PlugInError: no such entry point, file or class, a class of another kind, or a file that uses what can't be taken; and
-            whatever its code raises.
-    """
-    own = f"expected file.py:Class, a subclass of {base.__name__}"
-    if FILE in name:
-        file, class_name = plug_in_file(name, folder), name.rpartition(":")[2]
-        found = getattr(module_of(snapshot_of(file, folder)), class_name, None) if is_file(file) else None
-        if found is None:
-            raise PlugInError(f"no class {class_name!r} in {str(file)!r}", own)
-    else:
-        found = installed_plug_in(group, name)
-        if found is None:
-            raise PlugInError(f"unknown {noun} {name!r}", did_you_mean(name, known_plug_ins(group)))
-    if not (isinstance(found, type) and issubclass(found, base)):
-        raise PlugInError(f"{name!r} is not a subclass of {base.__module__}.{base.__name__}", own)
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +38,7 @@ class Registry(Generic[PlugIn]):
         base: Base class of all of them.
         beside: The file that a plug-in's own file is relative to.
         apart: Entry points of plug-ins whose parameters stand apart from their kernels: a campaign is read without numba.
+        takes_folder: True if a plug-in's file may use all modules of the folder that it is relative to, else those of its own.
     """
 
     group: str
@@ -77,6 +46,7 @@ class Registry(Generic[PlugIn]):
     base: type[PlugIn]
     beside: str
     apart: Mapping[str, type[ParameterGroup]] = field(default_factory=dict)
+    takes_folder: bool = False
 
     @property
     def own(self) -> str:
@@ -90,7 +60,7 @@ class Registry(Generic[PlugIn]):
         Raises:
             RuntimeError: not even vastflow's own are there, as after an update of an editable install's source alone.
         """
-        found = _entries(self.group)
+        found = known_plug_ins(self.group)
         if not any(entry.module.startswith("vastflow.") for entry in found.values()):
             right = "Install it again: pip install -e . in a checkout"
             raise RuntimeError(
@@ -98,13 +68,13 @@ class Registry(Generic[PlugIn]):
             )
         return found
 
-    def name_of(self, kind: type[ParameterGroup]) -> str:
+    def name_of(self, kind: type) -> str:
         """Return the name of an installed plug-in, or of the plug-in with these parameters."""
         own = f"{kind.__module__}:{kind.__qualname__}"
         value = next((value for value, parameters in self.apart.items() if parameters is kind), own)
         return next(name for name, entry in self.known.items() if entry.value == value)
 
-    def parameters(self, name: str, base: Path = Path(), snapshot: Snapshot | None = None) -> type[ParameterGroup]:
+    def parameters(self, name: str, base: Path = Path(), snapshot: Snapshot | None = None) -> type[Any]:
         """Return the parameters of the plug-in called `name`: a class of their own, or the plug-in's; see `find`."""
         entry = self.known.get(name)
         apart = None if entry is None else self.apart.get(entry.value)
@@ -118,17 +88,19 @@ class Registry(Generic[PlugIn]):
             snapshot: The file as it was before, which is loaded in place of it.
 
         Raises:
-            PlugInError: no such entry point, file or class, a class of another kind, or a file that can't be loaded.
+            PlugInError: no such entry point, file or class, a class of another kind, or code that can't be loaded.
         """
-        if FILE in name:
-            found = self._class_of_file(name, plug_in_file(name, base), snapshot)
-        else:
-            entry = self.known.get(name)
-            if entry is None:
-                near = nearest(name, self.known)
-                right = f"did you mean {near!r}?" if near else f"expected one of {', '.join(self.known)}, or {self.own}"
-                raise PlugInError(f"unknown {self.noun} {name!r}", right)
-            found = entry.load()
+        entry = self.known.get(name)
+        if FILE not in name and entry is None:
+            near = nearest(name, self.known)
+            right = f"did you mean {near!r}?" if near else f"expected one of {', '.join(self.known)}, or {self.own}"
+            raise PlugInError(f"unknown {self.noun} {name!r}", right)
+        try:
+            found = entry.load() if entry else self._class_of_file(name, base, snapshot)
+        except PlugInError:
+            raise
+        except Exception as error:
+            raise PlugInError(f"{name!r} can't be imported: {type(error).__name__}: {error}") from error
         if not (isinstance(found, type) and issubclass(found, self.base)):
             right = f"expected a subclass of {self.base.__module__}.{self.base.__name__}"
             raise PlugInError(f"{name!r} is not a {self.noun}", right)
@@ -152,17 +124,11 @@ class Registry(Generic[PlugIn]):
                 return self.find(f"{path}:{name}", snapshot=snapshot)
         raise PlugInError(f"unknown {self.noun} {value!r}", f"expected one of {', '.join(self.known)}, or {self.own}")
 
-    def _class_of_file(self, name: str, file: Path, snapshot: Snapshot | None) -> object:
-        class_name = name.rpartition(":")[2]
+    def _class_of_file(self, name: str, base: Path, snapshot: Snapshot | None) -> object:
+        file, class_name = plug_in_file(name, base), name.rpartition(":")[2]
         if snapshot is None and not is_file(file):
             raise PlugInError(f"there is no file {str(file)!r}", f"name {self.own}")
-        try:
-            module = module_of(snapshot or snapshot_of(file, file.parent))
-        except PlugInError:
-            raise
-        except Exception as error:
-            what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
-            raise PlugInError(what) from error
+        module = module_of(snapshot or snapshot_of(file, base if self.takes_folder else file.parent))
         if not hasattr(module, class_name):
             known = [
                 each

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Complaint, Fault
-from vastflow.sim.plug_ins.registry import installed_plug_in
+from vastflow.sim.plug_ins.registry import known_plug_ins
 from vastflow.sim.system.facts import RobotFact
 from vastflow.sim.world.robot_model import Lidar, Robot
 
@@ -178,12 +178,12 @@ def system_kind(name: str = NAV2) -> SystemKind:
     Raises:
         ValueError: there is none.
     """
-    found = installed_plug_in(GROUP, name)
-    if found is None:
+    entry = known_plug_ins(GROUP).get(name)
+    if entry is None:
         raise ValueError(
             f"There is no system {name!r}. Install vastflow again if its source is newer than its metadata."
         )
-    kind: SystemKind = found
+    kind: SystemKind = entry.load()
     return kind
 
 

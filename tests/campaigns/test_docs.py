@@ -32,7 +32,7 @@ from vastflow.producers.campaign_file.spec import (
 )
 from vastflow.producers.catalog.obstacle import ObstacleConfig
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.producer import find_producer, known_producers
+from vastflow.producers.model.producer import PRODUCERS, find_producer
 from vastflow.sim.model.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.model.recording import Outcome
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED
@@ -241,7 +241,7 @@ def test_tests_of_pages_pass(folder):
     assert done.returncode == 0, done.stdout
 
 
-@each_row("name", known_producers())
+@each_row("name", PRODUCERS.known)
 def test_table_of_producer_has_its_parameters(name):
     kind = find_producer(name, ROOT)
     table, _, obstacles = section("write-a-campaign", f"`{name}`").partition("Each of `obstacle_configs`")

@@ -87,7 +87,7 @@ def test_search_of_every_form_has_no_fault(said: Said, parts: dict[str, str]) ->
 @each_row(
     ("parts", "why"),
     [
-        ({"variation": "wind.py:Wind: {speed: $wind}"}, "9:5: search.variations[0].wind.py:Wind: Its code raised SystemExit"),
+        ({"variation": "wind.py:Wind: {speed: $wind}"}, "9:5: search.variations[0].wind.py:Wind: 'wind.py:Wind' can't be imported: PlugInExit: its code raised SystemExit"),
         ({"extract": "wind.py:Wind"}, "10:21: search.extract.plugin: 'wind.py:Wind' is not executed by this version. Use failure_rate, or metrics"),
         ({"strategy": "./wind.py:Wind"}, "4:13: search.strategy: './wind.py:Wind' can't be imported"),
     ],

@@ -186,7 +186,7 @@ def test_parameters_of_a_plug_in_are_checked_at_their_lines(folder):
         ("none.py:Own", "none.py'. Name file.py:Class for one of your own, relative to the parameter file"),
         ("own.py:Owl", "has no class 'Owl'. Did you mean 'Own'?"),
         ("own.py:math", "'own.py:math' is not a controller. Expected a subclass of"),
-        ("broken.py:Own", "broken.py' can't be imported: ZeroDivisionError"),
+        ("broken.py:Own", "broken.py:Own' can't be imported: ZeroDivisionError"),
         ("typo.py:Own", "typo.py', line 1 can't be imported: SyntaxError"),
     ],
 )
@@ -225,7 +225,7 @@ def test_key_controller_takes_a_plug_in_that_the_file_lists(folder):
 
 
 def test_registry_asks_to_reinstall_when_metadata_is_outdated(monkeypatch):
-    monkeypatch.setattr(registry, "_entries", lambda group: {})
+    monkeypatch.setattr(registry, "known_plug_ins", lambda group: {})
     with pytest.raises(
         RuntimeError, match=r"its metadata is older than its source\. Install it again: pip install -e \."
     ):

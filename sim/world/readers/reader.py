@@ -8,7 +8,7 @@ from typing import ClassVar, Final, Protocol
 
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.files import Missing, Unreadable, is_inside
-from vastflow.sim.plug_ins.registry import installed_plug_in, known_plug_ins
+from vastflow.sim.plug_ins.registry import known_plug_ins
 from vastflow.sim.world.bodies import Body
 from vastflow.sim.world.occupancy import OccupancyMap
 
@@ -67,7 +67,7 @@ def _readers() -> Iterator[type[WorldReader]]:
     from vastflow.sim.world.readers.own import Bodies
 
     yield from (RosMap, Bodies)
-    yield from filter(None, (installed_plug_in(GROUP, name) for name in known_plug_ins(GROUP)))
+    yield from (entry.load() for entry in known_plug_ins(GROUP).values())
 
 
 def read_file(path: Path, reader: type[WorldReader] | None = None) -> tuple[Body, ...] | OccupancyMap:
