@@ -20,15 +20,15 @@ from vastflow.producers.floorplan.geometry import (
     wall_frame,
     wall_outlines,
 )
-from vastflow.producers.floorplan.reading import (
+from vastflow.producers.floorplan.plan import (
     FeatureKind,
     FloorPlan,
     Opening,
     OpeningKind,
     PlanFrame,
     PlanSpace,
-    plan_of,
 )
+from vastflow.producers.floorplan.reading import plan_of
 from vastflow.producers.floorplan.syntax import PlanText
 from vastflow.sim.model.elementary import dist
 from vastflow.sim.model.faults import Fault, FileError, Place, Problem
@@ -179,7 +179,10 @@ class _Builder:
             self._place(space)
         sharp = [(space, k) for space in plan.spaces if (k := sharp_corner(space.outline)) is not None]
         if sharp:
-            raise FileError(self._sharp(space, *space.outline[k]) for space, k in sharp)
+            corners = ((space, "({:g}, {:g})".format(*space.outline[k])) for space, k in sharp)
+            what = "the corner at {} is sharper than 1°, where no walls can meet"
+            right = "make the angle wider"
+            raise FileError(self._fault(space, space.place, what.format(at), right) for space, at in corners)
         rooms = tuple(Room(space.name, self._poses[space.name].outline(space.outline)) for space in plan.spaces)
         walls = {wall.name: wall for space in plan.spaces for wall in self._walls(space)}
         count = Counter(feature.name for feature in plan.features)
@@ -198,10 +201,6 @@ class _Builder:
 
     def _fault(self, space: PlanSpace, place: TextPlace, what: Problem, right: str) -> Fault:
         return Fault(Place(self._plan.file, *place, f"Space {space.name}"), what, right)
-
-    def _sharp(self, space: PlanSpace, x: float, y: float) -> Fault:
-        what = f"the corner at ({x:g}, {y:g}) is sharper than 1°, where no walls can meet"
-        return self._fault(space, space.place, what, "make the angle wider")
 
     def _note(self, opening: Opening, what: Problem, right: str) -> None:
         where = f"{opening.kind} {opening.name}"

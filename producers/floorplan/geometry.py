@@ -95,7 +95,6 @@ class Transform(NamedTuple):
         return Transform(x_m, y_m, self.yaw_rad + inner.yaw_rad)
 
     def inverse(self) -> "Transform":
-        """Return the inverse."""
         c, s = cos_sin(self.yaw_rad)
         return Transform(-c * self.x_m - s * self.y_m, s * self.x_m - c * self.y_m, -self.yaw_rad)
 

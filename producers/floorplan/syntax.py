@@ -125,7 +125,6 @@ class Quantity:
 
     @property
     def is_variable(self) -> bool:
-        """Whether it names a variable."""
         return self.token.type == "NAME"
 
     @property

@@ -10,8 +10,6 @@ import logging
 import os
 import pickle
 import queue
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -22,19 +20,15 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.request import urlopen
 
-from distributed.security import Security
-
 from vastflow.sim.model.files import Unreadable, read_json
 from vastflow.tasks.engine import dask_worker
 from vastflow.tasks.engine.bundle import Bundle, Packer
 from vastflow.tasks.engine.dask_client import call_workers, pickled_error, plain_client
+from vastflow.tasks.engine.dask_scheduler import LOCAL, OwnScheduler
 from vastflow.tasks.engine.dask_worker import Answer, Message, OtherCode, identity, read_answer, run_unit, shared_value
 from vastflow.tasks.engine.executor import ClusterError, Executor, PoolClosed, Priority, Shared, WorkerDied, end
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.store.store import Store, StoreError, store_address
-
-LOCAL: Final = "local:"
-"""Begins the address of a cluster of this machine's own, with the number of its workers."""
 
 CONNECT_S: Final = 20.0
 AWAY_S: Final = 600.0
@@ -78,13 +72,10 @@ class DaskCluster:
         self._packer = Packer(store)
         self._local = local
         self._notice, self._spend = tally.notice, tally.spend
-        self._log = log
         self._lock = threading.RLock()
         self._client: Any = None
         self._error: ClusterError | None = None
-        self._server: subprocess.Popen[bytes] | None = None
-        self._served = ""
-        self._security: Any = None
+        self._own = OwnScheduler(int(address.removeprefix(LOCAL)), log) if address.startswith(LOCAL) else None
         self._threads = 0
         self._before: Bundle | None = None
         self._open: dict[int, _Job] = {}
@@ -105,13 +96,13 @@ class DaskCluster:
         return max(self._threads, 1)
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, priority: Priority) -> "Future[Any]":
-        """See `vastflow.tasks.engine.executor.Executor`."""
         if priority is Priority.EVALUATE:
             with self._lock:
                 self._connect()  # a cluster that is away or has no worker is told while this machine evaluates
             return self._local.submit(function, *arguments, priority=priority)
         try:
-            message = self._message(self._packer.packed((function, *arguments)))
+            unit = self._packer.packed((function, *arguments))
+            message = pickle.dumps(Message(dask_worker.own_code()[0], self._place, unit, self._before))
         except Exception as error:  # noqa: BLE001 - what can't be sent is a fault of one configuration
             failed: Future[Any] = Future()
             failed.set_exception(error)
@@ -189,12 +180,8 @@ class DaskCluster:
                 client.close(_END_S)
         _DASK.setLevel(self._level)  # not before: a client that is reconnecting when it is closed prints a traceback
         self._local.close()
-        if self._server is not None:
-            self._server.kill()
-            self._server.wait()
-
-    def _message(self, unit: Bundle) -> bytes:
-        return pickle.dumps(Message(dask_worker.own_code()[0], self._place, unit, self._before))
+        if self._own is not None:
+            self._own.end()
 
     def _forget(self, job: _Job) -> None:
         with self._lock:
@@ -255,7 +242,8 @@ class DaskCluster:
             ClusterError: one of them has not.
         """
         address = self._scheduler()
-        client = plain_client(address, self._security, timeout=CONNECT_S, name=_GROUP)
+        security = self._own.security if self._own else None
+        client = plain_client(address, security, timeout=CONNECT_S, name=_GROUP)
         try:
             for worker, answer in call_workers(client, identity).items():
                 silent, said = pickled_error(answer) if isinstance(answer, str) else ("", answer.get("exception_text"))
@@ -279,28 +267,13 @@ class DaskCluster:
         )
 
     def _scheduler(self) -> str:
-        if not self._address.startswith(LOCAL):
-            file = Path(self._address)
-            try:
-                return str(read_json(file)["address"]) if file.is_file() else self._address
-            except (Unreadable, LookupError, TypeError):
-                raise ClusterError(f"--cluster: expected a file that a scheduler of Dask wrote, got {file}") from None
-        if self._server is None or self._server.poll() is not None:
-            number = int(self._address.removeprefix(LOCAL))
-            script = f"from {dask_worker.__name__} import serve; serve({number})"
-            with open(self._log or os.devnull, "ab") as log:
-                self._server = subprocess.Popen(
-                    [sys.executable, "-P", "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log
-                )
-            self._security = Security.temporary()  # else every user of this machine may run code as this one
-            assert self._server.stdin is not None
-            self._server.stdin.write(pickle.dumps(self._security))
-            self._server.stdin.flush()
-            assert self._server.stdout is not None
-            self._served = self._server.stdout.readline().decode().strip()
-        if not self._served:
-            raise ClusterError(f"--cluster: {self._address} did not start, see {self._log}")
-        return self._served
+        if self._own is not None:
+            return self._own.address()
+        file = Path(self._address)
+        try:
+            return str(read_json(file)["address"]) if file.is_file() else self._address
+        except (Unreadable, LookupError, TypeError):
+            raise ClusterError(f"--cluster: expected a file that a scheduler of Dask wrote, got {file}") from None
 
     def _watch(self, client: Any) -> None:
         """Count the workers that compute, as long as this client is in use, and free units of those that pause."""
@@ -395,7 +368,7 @@ class DaskCluster:
             except (ValueError, TypeError, LookupError) as wrong:
                 said = " ".join(str(wrong).split())[:200]
                 error = RuntimeError(f"a worker answered something else than this vastflow does ({said})")
-        if self._server is None:  # else its workers are processes below this one
+        if self._own is None:  # else its workers are processes below this one
             self._spend(answer.cpu_s)
         with self._lock:
             if job.number not in self._open:
