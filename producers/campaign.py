@@ -24,19 +24,21 @@ from vastflow.producers.campaign_file.spec import (
     is_tolerated_in_family,
     unexecuted,
 )
-from vastflow.producers.campaign_file.system_file import system_file_of
 from vastflow.producers.catalog.path import UNPROVED, PathVariationRandom
 from vastflow.producers.instantiation.family import FamilyReader
 from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.configuration import Rejection
-from vastflow.producers.model.faults import NOT_EXECUTED, Location
+from vastflow.producers.model.faults import NOT_EXECUTED, Location, shown
 from vastflow.producers.model.producer import evaluate
 from vastflow.producers.places.ground import MapSearch
 from vastflow.producers.search.reading import read_search, unknown_strategy
 from vastflow.producers.search.search import Search
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Fault, FileError, Problem
+from vastflow.sim.model.files import is_file
 from vastflow.sim.model.scenario import ProcessSetup
+from vastflow.sim.system.keys import FILE_KEY, RELEASE_KEY
+from vastflow.sim.system.system import SystemFile, system_kind
 
 __all__ = ["Campaign", "Family", "OracleRequest", "load_campaign", "oracle_requests"]
 
@@ -144,7 +146,7 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
     abstract, abstract_faults = abstract_scenario_of(document, path.parent)
     programs, program_notes, program_faults = programs_of(document, path.parent, spec.execution, abstract or FROM_GOAL)
     faults += [*abstract_faults, *program_faults]
-    system_file = system_file_of(document, path.parent)
+    system_file = _system_file(document, path.parent)
     maps = MapSearch(path.parent, map_dir and map_dir.resolve())
     reader = FamilyReader(document, path.parent, abstract, system_file.values, maps, spec.execution.max_configurations)
     families = [family for family in _families(document, reader) if family.name not in reader.unavailable]
@@ -195,6 +197,17 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
         borrowed_maps=maps.borrowed,
         search=searching.search if searching else None,
     )
+
+
+def _system_file(document: Document, base: Path) -> SystemFile:
+    release, where = document.value(("execution", RELEASE_KEY)), ("execution", FILE_KEY)
+    if not isinstance(name := document.value(where), str):
+        said = document.fault(("execution", RELEASE_KEY), "there is a release without a file", f"add {FILE_KEY}")
+        return SystemFile(faults=(said,) if release else ())
+    path = base / name
+    if not is_file(path):
+        return SystemFile(faults=(document.fault(where, f"there is no file {shown(name)}"),))
+    return system_kind().read_file(path, {RELEASE_KEY: release})
 
 
 def _without_tolerated(document: Document) -> tuple[dict[str, Any], list[Fault]]:

@@ -87,7 +87,6 @@ class Moment:
 
     @property
     def error_m(self) -> float:
-        """Localization error."""
         return float(np.hypot(self.true.x_m - self.estimate.x_m, self.true.y_m - self.estimate.y_m))
 
 

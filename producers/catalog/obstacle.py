@@ -102,7 +102,6 @@ class ObstacleConfig(BaseModel):
         ]
 
     def requested(self) -> dict[str, Value]:
-        """Return the requested values of a config of one value each."""
         return {
             **({"amount": self.amount} if self.amount_per_m is None else {"amount_per_m": self.amount_per_m[0]}),
             "max_distance": self.max_distance[0],

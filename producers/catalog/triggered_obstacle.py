@@ -41,7 +41,6 @@ class TriggeredObstacleParameters(ObstacleParameters):
 
     @property
     def trigger_keys(self) -> tuple[str, ...]:
-        """Keys of what triggers the obstacle."""
         delay = (self.delay_key,) if any(self.spawn_delay_s) else ()
         return (self.spawn_trigger_point, self.spawn_trigger_threshold, *delay)
 

@@ -279,7 +279,6 @@ class _Tree:
         return _fault(len(self.text) - len(self.text[behind:].lstrip(" \n\t)")), what, right)
 
     def fault(self, node: ast.expr, what: Problem, right: str) -> FileError:
-        """Return a fault at a node."""
         return _fault(self._offset(node.col_offset), what, right)
 
     def _written(self, node: ast.expr) -> str:

@@ -51,7 +51,6 @@ _KINDS: Final[Mapping[ValueKind, Any]] = {
 
 
 def kind_of(value: Any) -> ValueKind:
-    """Return the kind of a value."""
     for kind, types in _KINDS.items():
         if isinstance(value, types):
             return kind

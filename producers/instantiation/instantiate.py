@@ -330,7 +330,6 @@ Growth: TypeAlias = CartesianGrowth | DesignGrowth
 
 
 def growth_of(family: Family) -> Growth:
-    """The growth of a family by its design."""
     return CartesianGrowth(family) if family.design.cartesian is not None else DesignGrowth(family)
 
 

@@ -44,7 +44,6 @@ class Leg:
 
     @property
     def end(self) -> Cell:
-        """The cell where it ends."""
         return int(self.cells[-1, 0]), int(self.cells[-1, 1])
 
     def reversed(self) -> "Leg":

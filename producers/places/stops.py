@@ -54,7 +54,6 @@ GoalsParameter: TypeAlias = Annotated[
 
 
 def start_key(parameter: str | Pose) -> str:
-    """The key that holds the start."""
     return parameter if isinstance(parameter, str) else START_KEY
 
 

@@ -108,10 +108,12 @@ class QualityDiversity(Strategy[QdParameters]):
 
     def ask(self, batch: int, count: int) -> Sequence[Point]:
         draws = self.problem.draws(batch)
-        if len(self._found) < _FIRST or self._is_flat:
+        # The best of equal objectives would lead to the middle of the known points.
+        if len(self._found) < _FIRST or len(np.unique(self._archive.data("objective"))) < 2:
             units = draws.random((count, self._dimensions))
         else:
-            shares = self._shares(count)
+            emitters = min(self.parameters.emitters, count)
+            shares = [count // emitters + (k < count % emitters) for k in range(emitters)]
             firsts = self._steps + np.cumsum([0, *shares[:-1]])
             emitted = zip(firsts.tolist(), shares, strict=True)
             units = np.concatenate([self._emitted(*each, int(draws.integers(_SEEDS))) for each in emitted])
@@ -168,15 +170,6 @@ class QualityDiversity(Strategy[QdParameters]):
         known = np.array([self.problem.space.encoded(each.proposal.point) for each in last])
         gains = np.array([self.problem.gain(each.objective) for each in last if each.objective is not None])
         return promise(known, gains, units.reshape(-1, self._dimensions)).reshape(units.shape[:2])
-
-    @property
-    def _is_flat(self) -> bool:
-        """Whether all objectives are equal: the best of equal ones would lead to the middle of the known points."""
-        return len(np.unique(self._archive.data("objective"))) < 2
-
-    def _shares(self, count: int) -> list[int]:
-        emitters = min(self.parameters.emitters, count)
-        return [count // emitters + (k < count % emitters) for k in range(emitters)]
 
     def _bins(self) -> tuple[int, ...]:
         archive = self.parameters.archive

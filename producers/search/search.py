@@ -84,7 +84,9 @@ class Search:
         asked = {proposal.name: proposal for proposal in proposals}
         for each in made.configurations:
             if each.family in seen:
-                raise FileError([self._several(each)])
+                step = next((k for k, one in enumerate(each.steps) if one.choice > 1), 0)
+                producer = each.steps[step].producer if each.steps else ""
+                raise FileError([several_fault(self.document, step, producer)])
             seen.add(each.family)
             proposal = asked[each.family]
             factors = {**proposal.point, **each.factors}
@@ -101,10 +103,6 @@ class Search:
         ]
         coverage = coverage_of(counts, configurations, rejections, excluded)
         return Instantiation(configurations, rejections, excluded, coverage)
-
-    def _several(self, second: Configuration) -> Fault:
-        step = next((k for k, each in enumerate(second.steps) if each.choice > 1), 0)
-        return several_fault(self.document, step, second.steps[step].producer if second.steps else "")
 
 
 def family_at(

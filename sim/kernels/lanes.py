@@ -150,7 +150,6 @@ def either(builder: Any, a: Any, b: Any, less: Any, otherwise: Any) -> Any:
 
 @_operation(types.boolean, LANES, LANES)
 def any_below(builder: Any, a: Any, b: Any) -> Any:
-    """Whether a < b in any lane."""
     flags = builder.bitcast(builder.fcmp_ordered("<", a, b), ir.IntType(WIDTH))
     return builder.icmp_unsigned("!=", flags, ir.Constant(ir.IntType(WIDTH), 0))
 

@@ -93,7 +93,6 @@ def write_recordings(recordings: Sequence[Recording]) -> bytes:
 
 
 def read_recordings(block: Block) -> list[Recording]:
-    """Read the recordings of a block."""
     return [Recording(run_of(row), columns) for row, columns in read_block(block)]
 
 

@@ -81,7 +81,6 @@ def points_of(text: str) -> list[tuple[float, float]]:
 
 
 def as_array(vertices: Vertices) -> NDArray[np.float64]:
-    """Return vertices as an array (N, 2)."""
     return np.array(vertices, dtype=np.float64).reshape(-1, 2)
 
 

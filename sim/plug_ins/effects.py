@@ -177,8 +177,5 @@ def _spellings(path: str | os.PathLike[str]) -> tuple[str, ...]:
 
 def _around(path: str, folders: Iterable[str]) -> str:
     """The innermost of the folders that a path is in; empty without one."""
-    return max((folder for folder in folders if _is_below(path, folder)), key=len, default="")
-
-
-def _is_below(path: str, folder: str) -> bool:
-    return path == folder or path.startswith(folder.rstrip(os.sep) + os.sep)
+    around = (each for each in folders if path == each or path.startswith(each.rstrip(os.sep) + os.sep))
+    return max(around, key=len, default="")

@@ -115,7 +115,6 @@ def content_digest(abstract: Abstract) -> str:
 
 
 def definition_digest(definition: ScenarioDefinition) -> str:
-    """Return the digest of a definition with its places."""
     return digest(plain_value(definition))
 
 

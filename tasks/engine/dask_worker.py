@@ -86,7 +86,6 @@ _ANSWERS: Final = TypeAdapter(Answer)
 
 
 def write_answer(answer: Answer) -> bytes:
-    """Write an answer as JSON."""
     return _ANSWERS.dump_json(answer)
 
 
@@ -183,7 +182,6 @@ class Interrupting(WorkerPlugin):
     name = "vastflow"
 
     def setup(self, worker: Any) -> None:
-        """Remember the worker."""
         self._worker = worker
 
     def transition(self, key: Any, start: str, finish: str, **_: Any) -> None:

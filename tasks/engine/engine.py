@@ -147,11 +147,9 @@ class Engine:
 
     @property
     def workers(self) -> int:
-        """Number of workers."""
         return self._executor.workers
 
     def workers_table(self) -> list[dict[str, Any]]:
-        """See `vastflow.tasks.engine.executor.Executor`."""
         return self._executor.workers_table()
 
     @property
@@ -245,7 +243,6 @@ class Engine:
             self._executing = {key: units for key, units in self._executing.items() if key[0] not in configurations}
 
     def add_faults(self, faults: Sequence[RunFault]) -> None:
-        """Add faults from elsewhere."""
         with self._lock:
             self._faults += faults
         for fault in faults:

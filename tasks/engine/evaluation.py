@@ -32,7 +32,6 @@ class PackedProducer:
     pickled: bytes
 
     def unpacked(self) -> Producer[Any]:
-        """Return the producer, in any process."""
         for snapshot in self.plug_ins:
             module_of(snapshot)
         producer: Producer[Any] = pickle.loads(self.pickled)

@@ -130,7 +130,6 @@ class Index:
         return Block(f"{self.keys.recordings(configuration.checked)}/{start}-{stop}", start, stop, content)
 
     def trace_key(self, configuration: ConfigurationRuns, block: Block) -> str:
-        """Return the key of the trace of a block."""
         return self.keys.trace(configuration.checked, block.content)
 
     def verdicts_key(self, configuration: ConfigurationRuns, block: Block, trace: str) -> str:

@@ -119,14 +119,12 @@ class Pool:
         self._owner = ThreadPoolExecutor(1, "vastflow pool", block, (getattr(signal, "SIG_BLOCK", 0), {signal.SIGINT}))
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, priority: Priority) -> "Future[Any]":
-        """See `Executor`."""
         unit = _Unit(priority, next(self._numbers), function, arguments)
         if not self._own(self._add, unit):
             end(unit.outcome, PoolClosed())
         return unit.outcome
 
     def shared(self, value: object) -> Shared:
-        """See `Executor`."""
         return functools.partial(pickle.loads, pickle.dumps(value))
 
     def prepare(self, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
@@ -134,11 +132,9 @@ class Pool:
         return self.submit(function, *arguments, priority=Priority.EVALUATE)
 
     def workers_table(self) -> list[dict[str, Any]]:
-        """See `Executor`."""
         return []
 
     def rest(self) -> None:
-        """See `Executor`."""
         self._own(self._rest)
 
     def close(self, timeout_s: float = 3.0) -> None:

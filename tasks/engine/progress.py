@@ -130,7 +130,6 @@ class Tally:
             self.elsewhere_cpu_s += cpu_s
 
     def begin(self, phase: Phase) -> None:
-        """Enter a phase."""
         with self._lock:
             if phase != self._phase:
                 self._changed("stage", stage=phase)
@@ -238,7 +237,6 @@ class Tally:
             self._changes.append(Change(event, values))
 
     def progress(self) -> Progress:
-        """Return the current progress."""
         with self._lock:
             families = self._families.values()
             return Progress(
@@ -278,7 +276,6 @@ class _ConfigurationProgress:
     done: int = 0
 
     def bits(self, runs: Iterable[int]) -> int:
-        """Return the wanted ones of `runs`."""
         if isinstance(runs, range) and runs.step == 1:
             stop = max(min(runs.stop, self.runs), 0)
             return (1 << stop) - (1 << max(runs.start, 0)) if runs.start < stop else 0

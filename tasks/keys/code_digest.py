@@ -116,7 +116,6 @@ class SourceCache:
         return self._asked.get(key)
 
     def add(self, content: bytes, package: str, module: Module) -> None:
-        """Add a module."""
         self._asked[self._key(content, package)] = module
         self._new = True
 

@@ -69,7 +69,6 @@ class Artifact:
 
     @property
     def info(self) -> dict[str, Any]:
-        """The facts."""
         return dict(json.loads(self.info_json))
 
     @property
@@ -97,7 +96,6 @@ class Holding:
 
     @property
     def stage(self) -> str:
-        """The stage that made it."""
         return self.key.partition("/")[0]
 
 

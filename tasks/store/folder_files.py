@@ -24,13 +24,10 @@ _TEMPORARY: Final = "temporary"
 
 @dataclass(frozen=True, slots=True)
 class FolderFiles:
-    """See `vastflow.tasks.store.files.StoreFiles`."""
-
     local: Path
 
     @property
     def place(self) -> str:
-        """The folder."""
         return str(self.local)
 
     def prepare(self) -> None:
@@ -63,14 +60,12 @@ class FolderFiles:
         """Nothing: a look costs microseconds."""
 
     def names(self, key: str) -> list[str]:
-        """See `StoreFiles.names`."""
         try:
             return os.listdir(f"{self.local}/{key}")
         except (FileNotFoundError, NotADirectoryError):
             return []
 
     def read(self, key: str, name: str, entry: FileEntry | None = None) -> bytes:
-        """See `StoreFiles.read`."""
         return _content(f"{self.local}/{key}/{name}")
 
     def measured(self, key: str, name: str, entry: FileEntry) -> FileEntry:
@@ -112,7 +107,6 @@ class FolderFiles:
                     (self.local / folder).rmdir()
 
     def listed(self, stages: Iterable[str]) -> Iterator[Listed]:
-        """See `StoreFiles.listed`."""
         for stage in stages:
             for folder, _, names in os.walk(self.local / stage):
                 key = Path(folder).relative_to(self.local).as_posix()

@@ -53,7 +53,6 @@ class RemoteFiles:
 
     @property
     def place(self) -> str:
-        """The address."""
         return self._address
 
     @property
@@ -88,12 +87,10 @@ class RemoteFiles:
                 yield key, None
 
     def names(self, key: str) -> Iterable[str]:
-        """See `StoreFiles.names`."""
         folders = _folders(self._listed(key))
         return [name for name, files in folders.items() if MANIFEST in files and "/" not in name and name]
 
     def read(self, key: str, name: str, entry: FileEntry | None = None) -> bytes:
-        """See `StoreFiles.read`."""
         path = self._path(f"{key}/{_object(name, entry) if entry else name}")
         content: bytes = self._asked(self._files.cat_file, path)
         return content
@@ -120,7 +117,6 @@ class RemoteFiles:
                     self._asked(self._files.rm, chosen)
 
     def listed(self, stages: Iterable[str]) -> Iterator[Listed]:
-        """See `StoreFiles.listed`."""
         chosen = frozenset(stages)
         for path, file in self._listed("").items():
             if path.partition("/")[0] in chosen:
@@ -262,8 +258,6 @@ def _expect_nothing(request: Any, **_: Any) -> None:
 
 
 def _present(key: str, manifest: bytes, files: Mapping[str, _Entry]) -> Artifact:
-    """See `vastflow.tasks.store.artifact.present`."""
-
     def size_bytes(name: str, entry: FileEntry) -> int:
         if (file := files.get(_object(name, entry))) is None:
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), name)

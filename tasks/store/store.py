@@ -67,7 +67,6 @@ class Listing:
         return look(key)
 
     def add(self, artifact: Artifact) -> None:
-        """Add an artifact."""
         folder, _, name = artifact.key.rpartition("/")
         with self._lock:
             self._folders.setdefault(folder, {})[name] = artifact

@@ -340,7 +340,6 @@ class Dwb(DwbParameters, Controller):
     set_plan = reset
 
     def memory(self, setting: Setting) -> DwbMemory:
-        """See `new_memory`."""
         return new_memory(self, setting.rows, setting.columns)
 
     def speed_limits(self) -> SpeedLimits:

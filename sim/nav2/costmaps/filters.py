@@ -59,8 +59,6 @@ def with_keepout(costs: NDArray[np.uint8], keepout: NDArray[np.uint8]) -> NDArra
 
 
 def mask_place(mask: OccupancyMap, occupancy: OccupancyMap) -> NDArray[np.float64]:
-    """See `Mask`."""
-
     def cell(x_m: float, y_m: float) -> NDArray[np.float64]:
         on_mask_m = mask.frame.to_grid(*occupancy.frame.to_map(x_m, y_m))
         return (np.array(on_mask_m) - mask.origin_xy_m) / mask.resolution_m

@@ -8,8 +8,6 @@ from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, UNKNOWN
 
 
 class Window(NamedTuple):
-    """A rolling window."""
-
     costs: Any  # (R, C) uint8.
     place: Any  # (3,) float64: x, y of the lower left corner in the odom frame, and the resolution, in meters.
 

@@ -296,7 +296,6 @@ def new_stack(
 
 
 def columns_of(robot: Robot) -> tuple[str, ...]:
-    """The columns of a recording of a robot."""
     return (*COLUMNS, *OMNI_COLUMNS) if robot.drive == "omni" else COLUMNS
 
 

@@ -117,5 +117,4 @@ class Smac2D(SmacPlanner2D, Planner):
     compute_path = compute_path
 
     def memory(self, setting: PlannerSetting) -> SearchMemory:
-        """See `search_memory`."""
         return search_memory(self, setting)

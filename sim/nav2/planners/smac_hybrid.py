@@ -372,5 +372,4 @@ class SmacHybrid(SmacPlannerHybrid, Planner):
     compute_path = compute_path
 
     def memory(self, setting: PlannerSetting) -> SearchMemory:
-        """See `search_memory`."""
         return search_memory(self, setting)

@@ -96,7 +96,6 @@ class Declarations:
         return (*BASIC, *self.physical, *self.enums, *self.structs, *self.actors)
 
     def type_named(self, name: str, is_list: bool = False) -> Type | None:
-        """The type of that name."""
         kinds: tuple[tuple[Kind, Collection[str]], ...] = (
             ("basic", BASIC),
             ("physical", self.physical),
@@ -107,7 +106,6 @@ class Declarations:
         return next((Type(name, kind, is_list) for kind, names in kinds if name in names), None)
 
     def is_a(self, found: Type, wanted: Type) -> bool:
-        """True if `found` is `wanted` or inherits from it."""
         if wanted == ANY or found == wanted:
             return True
         if found.is_list != wanted.is_list or found.kind != wanted.kind or found.kind not in ("struct", "actor"):

@@ -207,7 +207,6 @@ def library_names() -> tuple[str, ...]:
 
 
 def library(name: str) -> Declarations:
-    """Return the declarations of a library and of its imports."""
     with _READING:
         return _library(name)
 

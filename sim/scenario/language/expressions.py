@@ -83,7 +83,6 @@ class ExpressionChecker:
         self.names = NO_NAMES
 
     def fault(self, place: Place, problem: Problem, expected: str) -> None:
-        """Report a fault."""
         self.faults.append(Fault(place, problem, expected))
 
     def fail(self, place: Place, problem: Problem, expected: str) -> NoReturn:

@@ -78,8 +78,6 @@ SHUTDOWN_TIMEOUT_S: Final = 10.0
 
 
 class RunAction(Action):
-    """An action on a run of programs."""
-
     def __init__(self, run: ProcessRun, situation: ActionSituation) -> None:
         self.run = run
         self.situation = situation

@@ -213,7 +213,6 @@ class ProcessRun:
         return next((group for group in reversed(self._groups) if group.label == label), None)
 
     def running_labels(self) -> list[str]:
-        """Return the labels of the running commands."""
         return [group.label for group in self._groups if group.label and group.failure is None]
 
     def pids(self) -> set[int]:

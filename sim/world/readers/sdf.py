@@ -94,8 +94,6 @@ class _Tree:
 
 @dataclass(frozen=True, slots=True)
 class _File:
-    """A file of a world."""
-
     path: Path
     tree: _Tree
 
