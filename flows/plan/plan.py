@@ -22,7 +22,7 @@ from vastflow.flows.results.reasons import Reasons, Step, run_steps
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.producers.floorplan.environment import environments_in
-from vastflow.producers.instantiation.family import robots_json
+from vastflow.producers.instantiation.robots import robots_json
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.producer import evaluate
 from vastflow.producers.places.stops import PATH_KEY, PATH_LENGTH_KEY

@@ -31,8 +31,8 @@ from vastflow.oracles.results.executed import NAMED_FILES
 from vastflow.oracles.results.former import VERSION
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE
-from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.instantiation.instantiate import Instantiation
+from vastflow.producers.instantiation.robots import robots_json
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import one_archive
 from vastflow.sim.model.digest import FileContent, file_digest

@@ -1,7 +1,7 @@
-"""One scenario family of a campaign file, read and checked, and its robot in words."""
+"""One scenario family of a campaign file, read and checked."""
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -48,8 +48,7 @@ from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import plug_in_value
 from vastflow.sim.reading.abstract import hall_file
 from vastflow.sim.reading.movers import MOVERS_KEY, movers_value
-from vastflow.sim.system.facts import robot_words
-from vastflow.sim.system.keys import FOOTPRINT_NAMES, is_of_footprint
+from vastflow.sim.system.keys import is_of_footprint
 from vastflow.sim.system.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.system.system import system_of
 from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, difference_of, world_files
@@ -429,34 +428,3 @@ class FamilyReader:
         if "mesh_file" in places:
             where, consequence = places["mesh_file"], "the map alone is the world"
             self.notes.append(self._document.note("not executed", where, NOT_EXECUTED, consequence))
-
-
-def robots_json(families: Sequence[Family]) -> list[dict[str, Any]]:
-    """Return each robot of a campaign, with its families, whose it is, and sources of its quantities."""
-    found: dict[tuple[str, ...], list[str]] = {}
-    for family in families:
-        if family.drives and (lines := tuple(_lines(family))):
-            found.setdefault(lines, []).append(family.name)
-    return [{"families": names, "summary": whose, "robot": lines} for (whose, *lines), names in found.items()]
-
-
-def _lines(family: Family) -> Iterator[str]:
-    values = {**family.values, **family.overrides}
-    system = {
-        key: value
-        for key, value in values.items()
-        if dimension_of(key, value, family.dimensions.get(key)) == "system" and not key.startswith("_")
-    }
-    written = dict.fromkeys(key for producer in family.producers for key in producer.writes)
-    names = [k for k in written if k.startswith(f"{ROBOT_KEY}.") or k.rpartition(".")[2] in FOOTPRINT_NAMES]
-    varied = [f"varied: {', '.join(names)}"] if names else []
-    try:
-        driven = system_of(system)
-        yield "; ".join([driven.whose, *varied])
-        yield from robot_words(driven.facts)
-        inner_m, outer_m = driven.inscribed_radius_m, driven.robot.radius_m
-        own = f"performance takes {inner_m:.3g} m (inscribed), safety {outer_m:.3g} m (circumscribed)"
-        yield f"oracles without a radius of their own: {own}"
-    except FileError:  # with what producers write it may be right, and the run says where it isn't
-        return
-    yield from varied

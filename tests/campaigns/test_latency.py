@@ -4,7 +4,7 @@ import pandas as pd
 from latency_presets import CAMPAIGN, PRESET, classes_of
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.instantiation.family import robots_json
+from vastflow.producers.instantiation.robots import robots_json
 
 
 def test_campaign_varies_only_latency_of_robot():

@@ -6,7 +6,7 @@ from five_robots import FOLDER, ROBOTS, body_of, is_unnoted
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.instantiation.family import robots_json
+from vastflow.producers.instantiation.robots import robots_json
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.system.robot import lidar_of, robot_of

@@ -6,7 +6,7 @@ import pytest
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.sections import LatencySpec, LidarSpec, OdometrySpec, RobotSpec
-from vastflow.producers.instantiation.family import robots_json
+from vastflow.producers.instantiation.robots import robots_json
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.system.robot import lidar_of, robot_of
