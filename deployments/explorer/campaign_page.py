@@ -137,7 +137,6 @@ def summary(request: Request, campaign: Campaign, chosen: Filter, mask: Bools) -
 
 
 def _kinds(campaign: Campaign, mask: Bools) -> list[Mapping[str, Any]]:
-    """Return the kinds of reasons for which oracles failed the selected runs, as the report groups them."""
     from vastflow.oracles.page.failures import failure_kinds  # with matplotlib, which takes a second
 
     with suppress(*DAMAGE):  # the rest of the page does without

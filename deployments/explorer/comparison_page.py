@@ -183,7 +183,6 @@ def _margin(percent: str) -> float:
 
 
 def _judged(found: "Compared") -> dict[str, RateDifference]:
-    """Return differences by what judged, the asked one first."""
     whole = {} if len(found.oracles) == 1 and found.oracle is None else {found.oracle or "all oracles": found.whole}
     return whole | {name: each for name, each in found.oracles.items() if name != found.oracle}
 

@@ -215,7 +215,6 @@ def _recorded_rows(campaign: Campaign, k: int) -> list[dict[str, Any]]:
 
 
 def _stored(campaign: Campaign, k: int) -> list[Path]:
-    """Return the files of a configuration's recordings and traces that there are."""
     name = campaign.table.configurations[k]
     files = [stored_file(campaign.directory.path, folder, name) for folder in ("recordings", "traces")]
     return [file for file in files if file]

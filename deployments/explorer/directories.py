@@ -151,7 +151,6 @@ def _unfinished(path: Path) -> CampaignDirectory:
 
 
 def _ends(file: Path) -> tuple[Event | None, Event | None, Event | None]:
-    """Return the first and the last event of a file, and the last on progress, each None if missing."""
     try:
         with open_file(file) as events:
             head = events.read(_END_BYTES).split(b"\n")[0]

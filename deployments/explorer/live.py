@@ -99,7 +99,6 @@ class LiveCampaign:
         }
 
     def _words(self, now_s: float) -> list[str]:
-        """Return phase and pace."""
         progress, meter = self._progress, self._meter
         if self.over or meter is None:
             return []

@@ -87,6 +87,5 @@ def _plots(name: str, content: bytes) -> Iterator[Mapping[str, Any]]:
 
 
 def _ends(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return least and greatest value, apart from each other."""
     low, high = float(values.min()), float(values.max())
     return low, high if high > low else low + max(abs(low), 1.0)

@@ -70,7 +70,6 @@ class Guard:
             await answer(scope, receive, send_with_headers)
 
     def _answer(self, request: Request) -> Response | None:
-        """Return the reply to a request that is not handed on."""
         if not HOST.fullmatch(request.headers.get("host", "")):
             return self._refuse(request, 421, "This explorer answers at 127.0.0.1 and localhost only.")
         own_origin = f"{request.url.scheme}://{request.headers.get('host', '')}"

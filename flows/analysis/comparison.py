@@ -70,8 +70,6 @@ def differences(before: Tables, after: Tables, pairing: Pairing) -> list[Differe
 
 
 class _Side:
-    """One of the campaigns, with its files."""
-
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
         self._files = KeptFiles(tables.directory)

@@ -98,7 +98,6 @@ def _missing(directory: Path, name: str, known: list[str]) -> NotMinimized:
 
 
 def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float) -> str:
-    """Return the failing oracle; raise NotMinimized if the configuration passes or was not judged."""
     table = read_columns(directory / "verdicts.parquet")
     rows = table.filter(pc.equal(table.column("configuration"), name)).to_pylist()
     said: dict[str, list[str]] = {}

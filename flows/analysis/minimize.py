@@ -138,7 +138,6 @@ class Trials:
         return Outcome(self.test.standing(failed, judged), failed, judged)
 
     def _counts(self, candidate: Candidate, first: int = 0) -> tuple[int, int]:
-        """Return the failed and judged runs of a candidate, from the run `first` on."""
         found = self._found(self.configurations[candidate])
         self.used[candidate] = found.configuration.runs
         known: dict[int, str] = {}
@@ -163,7 +162,6 @@ class Trials:
 
 
 def _text(subject: Subject, candidate: Candidate) -> str:
-    """Return a candidate in words, such as `2 of 9 circumstances, the end of the path at 4/8`."""
     whole = [each for each in subject.circumstances if each.can_be_left_out]
     if len(candidate.kept) == len(whole) and not candidate.levels:
         return "all of it"

@@ -69,7 +69,6 @@ class Commands(TyperGroup):
 
 
 def _loaded(entry: EntryPoint) -> Any:
-    """Return the function of an entry point as a command."""
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
     alone.command(entry.name)(entry.load())
     return get_command(alone)

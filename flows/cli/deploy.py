@@ -131,7 +131,6 @@ def _write_cluster(
     *,
     operator: bool,
 ) -> None:
-    """Write a campaign with a Dask cluster as a folder for `kubectl apply -k`."""
     from vastflow.tasks.prefect.kustomization import LONGEST_NAME, SECRET_FILE, cluster_files, scheduler_address
     from vastflow.tasks.store.store import is_address
 

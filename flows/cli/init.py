@@ -58,7 +58,6 @@ def init(
 
 
 def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, command: str) -> str:
-    """Return the text of a campaign with paths as long as the map allows, at most 10 m."""
     from jinja2 import Template
 
     from vastflow.producers.places.ground import ground_of

@@ -39,7 +39,6 @@ def params(
 
 
 def _finite(value: Any) -> Any:
-    """Return a value for JSON, which has no infinity."""
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -206,7 +206,6 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
 
 
 def _draw(folder: Path, story: "Story", replayed: "Replay", ticks: list[int]) -> dict[str, Any]:
-    """Write the pictures and return their paths as `--json` prints them."""
     from vastflow.oracles.figures.style import png
     from vastflow.oracles.replay.still import still_images, strip_figure
 
@@ -223,7 +222,6 @@ def _draw(folder: Path, story: "Story", replayed: "Replay", ticks: list[int]) ->
 
 
 def _write_film(file: Path, story: "Story", replayed: "Replay", asked: ShownTicks, every_s: float) -> None:
-    """Write a film of twice the simulated speed."""
     from vastflow.oracles.figures.film import FilmError, write_film
     from vastflow.oracles.replay.still import still_images
 

@@ -137,7 +137,6 @@ def gc(
 
 
 def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
-    """Return counts of whole artifacts by stage, with ages in days, as `--json` prints them."""
     from vastflow.tasks.store.store import STAGES
 
     whole = [holding for holding in holdings if holding.whole]

@@ -118,7 +118,6 @@ class ExportSource:
 
     @contextmanager
     def _outputs(self, configuration: str) -> Iterator[Callable[[int], dict[str, bytes]]]:
-        """Yield a function that reads what the programs of a run wrote, by its place."""
         file = self._directory / "outputs" / f"{configuration}.zip"
         with ExitStack() as opened:
             members: defaultdict[int, list[tuple[str, str, zipfile.ZipInfo]]] = defaultdict(list)
@@ -155,7 +154,6 @@ class ExportSource:
         return [self._with_paths(item) for item in value] if isinstance(value, list) else value
 
     def _place(self, path: Path) -> str:
-        """Return the path of a file relative to `inputs`, or to the campaign directory."""
         inside = path.is_relative_to(self._files.inputs)
         return path.relative_to(self._files.inputs if inside else self._directory).as_posix()
 
@@ -187,8 +185,6 @@ class Exported:
 
 @dataclass(frozen=True)
 class _Runs:
-    """The runs of a configuration, read whenever they are asked for."""
-
     source: ExportSource
     row: Mapping[str, Any]
     begin: Callable[[], None]

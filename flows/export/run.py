@@ -173,7 +173,6 @@ def _flaw(run: ExportedRun) -> Flaw | None:
 
 
 def _final_tree(run: ExportedRun) -> Iterator[str]:
-    """Yield a line for each node of the scenario's tree with its last status."""
     depth: dict[int, int] = {-1: -1}
     last: dict[int, Mapping[str, Any]] = {}
     for row in pd.DataFrame(run.behaviors).to_dict("records"):

@@ -115,7 +115,6 @@ def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirec
 
 @contextmanager
 def _reported(root: Path, codes: Collection[int] | None = None) -> Iterator[None]:
-    """Report errors of the disk of `root`, all or those of some `codes`, as a `UserError`."""
     try:
         yield
     except OSError as error:

@@ -134,7 +134,6 @@ class _Kept:
 
 
 def _plan_files(parameters: BaseModel) -> Iterator[str]:
-    """Floor plans and their variations among a producer's parameters, as the campaign file names them."""
     for field_name in type(parameters).model_fields:
         value = getattr(parameters, field_name)
         for each in value if isinstance(value, tuple) else (value,):

@@ -108,7 +108,6 @@ def _files(directory: Path) -> Iterator[Path]:
 
 
 def _reports() -> list[Path]:
-    """Kept reports, the oldest first."""
     return sorted(_file("").parent.glob("*.zip"), key=lambda file: file.stat().st_mtime)
 
 

@@ -95,7 +95,6 @@ def lineage_of(directory: Path, configuration: str, run_index: int, store: Store
 
 
 def _recording(store: Store, keys: Keys, checked: str, run_index: int) -> Artifact | None:
-    """Return the first stored block that has the run."""
     home = keys.recordings(checked)
     spans = ((name, *name.partition("-")) for name in store.under(home))
     there = (

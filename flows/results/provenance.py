@@ -234,7 +234,6 @@ def ingredients_row(tree: SourceTree, families: Sequence[Family], oracles: Seque
 def _plug_in_row(
     tree: SourceTree, plug_in: Oracle[Any] | Producer[Any], name: str, sources: dict[str, Any]
 ) -> dict[str, Any]:
-    """A plug-in's row; its source goes into `sources`."""
     kinds = dict.fromkeys(type(each) for each in (plug_in, *producers_in(plug_in.parameters)))
     source = "+".join(tree.plug_in_digest(kind)[:_DIGITS] for kind in kinds)
     if source not in sources:

@@ -160,7 +160,6 @@ class Reasons:
         return self._of_stage[stage, oracles]
 
     def _scenario(self, past: Past, configuration: Configuration) -> DueReason:
-        """The reason why a configuration is executed that the previous campaign did not have."""
         if same := past.by_digest.get(configuration.scenario.digest):
             what = "what vastflow or a plug-in makes of the same scenario changed"
             return DueReason("scenario changed", what, "" if same["name"] == configuration.name else same["name"])

@@ -189,7 +189,6 @@ def _readers(threads: int) -> Iterator[Callable[..., Iterator[Any]]]:
 def _written(
     place: Path, found: Callable[[Configuration], StoredResult], runs: Mapping[str, int], configuration: Configuration
 ) -> tuple[Configuration, StoredResult]:
-    """Write the files of a configuration, and return it with its results."""
     result, name = found(configuration), configuration.name
     for folder, suffix, blocks, join in (
         ("recordings", "parquet", result.recordings, one_block),

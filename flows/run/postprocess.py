@@ -106,7 +106,6 @@ class _Copy:
 
 
 def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
-    """Run one step on the copy; return its success and its message."""
     config = copy / SHARED
     file = config / step.file
     with TemporaryDirectory(prefix="vastflow-") as aside:
@@ -133,7 +132,6 @@ def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
 
 
 def _process(command: Sequence[str], folder: Path, request: str) -> tuple[int, str]:
-    """Run a process with its children to the end; return exit code and last output."""
     environment = {**own_environment(), "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     with TemporaryDirectory(prefix="vastflow-") as aside, (Path(aside) / "log").open("wb+") as log:
         try:

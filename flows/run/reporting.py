@@ -182,7 +182,6 @@ def _complete(key: str) -> str:
 
 
 def _record(run: PreparedCampaign) -> dict[str, Any]:
-    """Return what `metadata.json` holds for this run only."""
     searched = {} if run.search is None else {SEARCH: search_record(run.search)}
     return {**run.record, WHY: run.due.rows(), **searched}
 

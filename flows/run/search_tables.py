@@ -77,7 +77,6 @@ def search_record(search: SearchProgress) -> dict[str, Any]:
 
 
 def _baseline(search: SearchProgress) -> dict[str, Any]:
-    """Return the baseline's record, with the runs of both searches until the best objective."""
     spec, told, best = search.search.spec, search.baseline, search.best
     own, beside = (
         None if best is None or best.objective is None else runs_until(each, best.objective, spec.direction)

@@ -103,7 +103,6 @@ class Configurations:
 
 
 def _html(value: object, shown: Sequence[Configuration]) -> str:
-    """Return a value's `repr` and a table of the first configurations."""
     import pandas as pd  # takes a third of a second
 
     rows = [

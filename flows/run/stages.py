@@ -257,7 +257,6 @@ def _rows(found: FoundRuns, stage: str) -> list[list[Any]]:
 
 
 def _asked(opened: OpenCampaign, oracles: Sequence[OracleChoice]) -> tuple[Oracle[Any], ...]:
-    """Return the requested oracles, `success` first."""
     base, faults, requests = opened.path.parent, [], []
     for place, choice in enumerate([oracles] if isinstance(oracles, str | Mapping) else oracles):
         for name, parameters in ({choice: {}} if isinstance(choice, str) else choice).items():

@@ -98,7 +98,6 @@ class _Row(NamedTuple):
 
 
 def _table(first: Sequence[str], rows: Sequence[_Row]) -> Table:
-    """Return a table with a row of counts for each name, within 80 columns if all runs were judged."""
     unjudged = any(row.counts.not_judged for row in rows)
     counted = ("runs", "passed", "failed", *["not judged"][:unjudged])
     cells = [

@@ -217,7 +217,6 @@ class Safety(Oracle[SafetyParameters]):
         return np.asarray(radius_m + robot_m + closing_mps * closing_mps / (2 * p.max_deceleration_mps2))
 
     def _kept(self, trace: Trace, wrong: list[str], metrics: Mapping[str, float | None]) -> Verdict:
-        """The verdict on a run that kept its separation but touched `wrong`."""
         if not wrong:
             return self.passed(trace, **metrics)
         more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""

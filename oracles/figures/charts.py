@@ -249,7 +249,6 @@ def progress_figure(
 
 
 def _grown(rows: Sequence[Mapping[str, Any]], direction: str) -> tuple[Floats, Floats, Floats]:
-    """Runs spent, objective, and best so far, for each judged point."""
     runs = np.cumsum([row["runs"] for row in rows])
     judged = np.array([row["objective"] is not None for row in rows])
     values = np.array([row["objective"] for row in rows if row["objective"] is not None], dtype=np.float64)

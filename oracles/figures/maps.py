@@ -333,7 +333,6 @@ def _density(grid: FailureGrid, xy_m: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _crosses(axes: Axes, scene: Scene) -> list[Line2D]:
-    """Mark final poses if they are few: rings for successful missions, crosses for others."""
     if len(scene.failed_xy_m) > MAX_CROSSES:
         return []
     handles = []

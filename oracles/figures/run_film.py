@@ -120,13 +120,11 @@ class FilmedRun:
             yield Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
 
     def _poses(self, prefix: str) -> NDArray[np.float64]:
-        """Poses (N, 3) in meters and radians."""
         names = (f"{prefix}x_mm", f"{prefix}y_mm", f"{prefix}yaw_mrad")
         return np.column_stack([self.recording.columns[name] for name in names]) / 1000.0
 
 
 def _body(axes: Axes, radius_m: float, color: str, **look: Any) -> tuple[Circle, Line2D]:
-    """Add a round robot and the line of its heading."""
     circle = Circle((0.0, 0.0), radius_m, linewidth=1.2, **look)
     axes.add_patch(circle)
     (heading,) = axes.plot([], [], linewidth=1.2, color=color)
@@ -134,8 +132,6 @@ def _body(axes: Axes, radius_m: float, color: str, **look: Any) -> tuple[Circle,
 
 
 class _Strip:
-    """Time and events below the map, over a time line with a tick for each contact and recovery."""
-
     def __init__(self, axes: Axes, end_s: float, events: Sequence[Event]) -> None:
         self._end_s, self._events = end_s, events
         axes.set(xlim=(-0.017 * end_s, 1.017 * end_s), ylim=(0.0, 1.0))

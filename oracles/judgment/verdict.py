@@ -59,7 +59,6 @@ def warn_of_former(place: str) -> None:
 
 
 def _taking_former(kind: type["Verdict"]) -> type["Verdict"]:
-    """Let `kind` be made and read by `FORMER` too."""
     made = kind.__init__
 
     @wraps(made)

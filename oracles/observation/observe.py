@@ -106,7 +106,6 @@ def _nearest_passable(
 
 
 def _corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Corners of the polyline `points` (N, 2), to the millimeter."""
     points_mm = np.rint(points * 1000.0)
     moves = np.any(np.diff(points_mm, axis=0) != 0, axis=1)
     points, points_mm = points[np.r_[True, moves]], points_mm[np.r_[True, moves]]

@@ -145,7 +145,6 @@ def _html(
 
 
 def _findings_in(page: str) -> list[str]:
-    """Return the sentences with which a report opens below its headline."""
     opening = page[page.index('<section class="verdict') : page.index('<nav aria-label="Sections">')]
     return [Markup("".join(each)).striptags() for each in _FINDING.findall(opening)]
 

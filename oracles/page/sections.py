@@ -151,7 +151,6 @@ def classes_section(facts: Facts) -> Section:
 
 
 def _rate_columns(facts: Facts) -> list[Column]:
-    """A column for each oracle that is shown, and one for standstills where there were any."""
     stood = columns("number", "Stood still") if facts.stood.runs else []
     return [*columns("rate", *(oracle or "All oracles" for oracle in facts.shown_oracles)), *stood]
 
@@ -195,7 +194,6 @@ def _explanation(oracle: str) -> Mapping[str, Any]:
 
 
 def _bases(tables: Tables) -> Table:
-    """The errors on all bases of the robustness oracle; without rows where it did not judge."""
     metrics = tables.verdicts.metrics(ROBUSTNESS) if ROBUSTNESS in tables.oracles else {}
     judged_by = oracle_parameters(tables, ROBUSTNESS).get("basis", DEFAULT_BASIS)
     rows: list[list[Any]] = []

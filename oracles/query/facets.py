@@ -174,7 +174,6 @@ def _facet_json(facet: Facet, chosen: Chosen, condition: Condition | None) -> di
 
 
 def _counts(cells: NDArray[Any], verdict: NDArray[np.int8], n: int) -> NDArray[np.int64]:
-    """Return the runs (n, 3) of each cell and verdict."""
     return np.bincount(cells * _VERDICTS + verdict, minlength=n * _VERDICTS).reshape(n, _VERDICTS)
 
 

@@ -228,7 +228,6 @@ def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> 
 
 
 def _visited(grid: FailureGrid, configurations: Sequence[tuple[Walks, NDArray[np.int8]]]) -> FailureMap:
-    """The failure map of judged runs, from their walks and judgments (R,)."""
     if not configurations:
         return empty_map(grid)
     xy_m = np.concatenate([walks.xy_m for walks, _ in configurations])

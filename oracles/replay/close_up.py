@@ -156,7 +156,6 @@ def _draw_local(axes: Axes, patch: Patch) -> None:
 
 
 def _draw_robot(axes: Axes, snapshot: TickSnapshot) -> None:
-    """The true body, dark, and the padded footprint where the robot takes itself to be."""
     true, estimate = snapshot.moment.true, snapshot.moment.estimate
     robot, solid = snapshot.robot, {"facecolor": INK, "edgecolor": "white", "linewidth": 0.8, "zorder": 4}
     if robot.vertices:
@@ -185,7 +184,6 @@ def _heading(pose: Pose, length_m: float) -> list[tuple[float, float]]:
 
 
 def _draw_goals(axes: Axes, snapshot: TickSnapshot, box: Box) -> None:
-    """Draw goals as diamonds, other goals hollow; an arrow points to the current goal out of sight."""
     for index, goal in enumerate(snapshot.goals):
         now = index == snapshot.moment.goal
         if box.x0 <= goal.x_m <= box.x1 and box.y0 <= goal.y_m <= box.y1:

@@ -92,7 +92,6 @@ def draw_overview(axes: Axes, story: Story, snapshot: TickSnapshot, ticks: Seque
 
 
 def _write_places(axes: Axes, story: Story, ticks: Sequence[int]) -> None:
-    """A number at the place of each picture; pictures of one place share a label."""
     here: dict[tuple[float, float], list[int]] = {}
     for number, tick in enumerate(ticks, 1):
         true = story.moments[tick].true

@@ -157,7 +157,6 @@ def difference(pairs: Pairs, target: Target = "these", level: float = LEVEL) -> 
 
 
 def _p_value(pairs: Pairs, change: Floats) -> float | None:
-    """p-value for no difference, see `difference`."""
     n, d = len(change), float(change.mean())
     single = (pairs.paths == pairs.paths[:1]).all()
     _, at = np.unique(pairs.configuration if single else pairs.paths, return_inverse=True)

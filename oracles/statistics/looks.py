@@ -143,8 +143,6 @@ class Looks:
 
 @cache
 def _next(looks: Looks, runs: int, passed: int, judged: int) -> int:
-    """The next look, after `runs`, at which something may be decided."""
-
     def may_decide(more: int) -> bool:
         return any(looks.rule.decided[judged + k, passed : passed + k + 1].any() for k in range(more + 1))
 

@@ -206,6 +206,5 @@ def _centered(rng: np.random.Generator, levels: int) -> Floats:
 
 
 def _shares(statistic: Floats) -> Floats:
-    """Share of the orders with at least the statistic of each."""
     rounded = np.round(statistic, 9)
     return 1.0 - np.searchsorted(np.sort(rounded), rounded) / len(rounded)

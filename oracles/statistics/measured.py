@@ -149,7 +149,6 @@ def _effect(
 
 
 def _means(table: Floats, groups: Codes) -> Floats:
-    """Mean row of each group."""
     rows, levels = table.shape
     return means_of(table.reshape(-1), np.repeat(groups, levels), np.tile(np.arange(levels), rows), levels)
 

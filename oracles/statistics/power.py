@@ -86,7 +86,6 @@ def needed_for(levels: int, runs: int, tests: int = 1, error: float = 0.05) -> N
 
 
 def _failed(situations: int, levels: int, runs: int, effect: float) -> Floats:
-    """Failures (campaigns, situations, levels)."""
     rng = np.random.default_rng(80)
     base = rng.beta(1.0, 4.0, (_CAMPAIGNS, situations, 1)) + effect * (np.arange(levels) == levels - 1)
     return np.asarray(rng.binomial(runs, np.minimum(base, 1.0)), dtype=np.float64)
