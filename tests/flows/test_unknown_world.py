@@ -9,7 +9,10 @@ from PIL import Image
 from table import each_row
 
 from vastflow.flows.plan.plan import plan_view_of
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.results import _write_environments
+from vastflow.flows.results.tables import configuration_row
 from vastflow.oracles.results.units import units_of
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
@@ -94,6 +97,17 @@ def test_mission_in_world_without_map_is_one_sentence_at_its_line(campaign, worl
     assert "Name what it knows as map_file." in said
 
 
+def test_worlds_without_map_are_varied_like_any_value(campaign, tmp_path):
+    """Posts at the corners let a path of 3 m come as near to walls as it likes; the constraint is of each world's ground."""
+    (tmp_path / "room.sdf").write_text(WORLDS["room.sdf"])
+    file = campaign("posts.csv", "    constraints:\n      - roomy: start_clearance >= 0.25\n")
+    text = file.read_text().replace("    parameters:\n      - world: posts.csv\n", "")
+    varied = "    variations:\n      - ParameterVariationList: {name: world, values: [posts.csv, room.sdf]}\n"
+    file.write_text(text.replace("    variations:\n", varied))
+    made = instantiate(load_campaign(file)).configurations
+    assert [len(world_of(each.scenario.environment).bodies) for each in made] == [24] * 4 + [4] * 4
+
+
 def test_start_beyond_world_without_map_is_rejected_with_its_bounds(campaign):
     more = "      - ParameterVariationList: {name: start_pose, values: [{x: 9.0, y: 0.0}]}\n"
     (rejected, *_) = instantiate(load_campaign(campaign("posts.csv", more))).rejections
@@ -107,10 +121,11 @@ def test_units_of_worlds_without_map_are_worlds():
 
 
 def test_campaign_directory_keeps_walls_of_world_without_map(campaign, tmp_path):
-    made = instantiate(load_campaign(campaign("room.sdf"))).configurations
-    _write_environments(tmp_path / "environments", {}, made)
+    found, oracles = read_campaign(campaign("room.sdf"))
+    made = instantiate(found).configurations
+    _write_environments(tmp_path / "environments", inputs_of(found, oracles).worlds, made)
     (folder,) = (tmp_path / "environments").iterdir()
-    assert folder.name == made[0].scenario.environment["world"].digest
+    assert folder.name == made[0].scenario.environment["world"].digest == configuration_row(made[0])["environment"]
     with Image.open(folder / "map.pgm") as picture:
         assert np.count_nonzero(np.asarray(picture) == 0) == world_of(made[0].scenario.environment).walls.occupied.sum()
 

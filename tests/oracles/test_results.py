@@ -147,7 +147,7 @@ def test_scenarios_and_situations_of_kept_rows_load_no_plug_in(tmp_path):
     assert situation_of(scenario).movers == {"cart": Box(0.6, 0.4)}  # no file has such a digest
 
 
-@pytest.mark.parametrize("leads_out", ["link to the file", "link to the picture", "image"])
+@pytest.mark.parametrize("leads_out", ["link to the file", "link to another file", "link to the picture", "image"])
 def test_map_of_a_directory_that_leads_out_of_it_is_not_read(tmp_path, leads_out):
     elsewhere, directory = tmp_path / "elsewhere", tmp_path / "results"
     own = write_map(elsewhere, walled_room(2.0, 2.0))
@@ -155,8 +155,8 @@ def test_map_of_a_directory_that_leads_out_of_it_is_not_read(tmp_path, leads_out
     for folder in (directory / "inputs", directory / "environments" / digest):
         folder.mkdir(parents=True)
         file = folder / "map.yaml"
-        if leads_out == "link to the file":
-            file.symlink_to(own)
+        if leads_out in ("link to the file", "link to another file"):
+            file.symlink_to(own if leads_out == "link to the file" else picture)
         else:
             file.write_text(
                 own.read_text().replace("image: ", f"image: {elsewhere}/" if leads_out == "image" else "image: ")

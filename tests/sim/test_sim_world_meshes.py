@@ -100,7 +100,7 @@ def test_mesh_stands_in_the_way_between_heights(mesh, bottom, height, stands):
 @each_row("inside_out", [False, True])
 def test_room_within_walls_of_mesh_is_free(mesh, inside_out):
     """Walls of 0.5 m around a room of 3 m by 2 m, whose inner side faces the room."""
-    walls = np.concatenate([box(4.0, 3.0, 1.0), box(3.0, 2.0, 1.0, inside_out=True)])
+    walls = np.concatenate([box(4.0, 3.0, 5.0), box(3.0, 2.0, 0.4, inside_out=True)])
     found = solid(mesh(stl(walls[:, ::-1] if inside_out else walls)))
     assert found.area == pytest.approx(12.0 - 6.0) and not found.contains(shapely.Point(0.3, 0.3))
 
@@ -158,7 +158,7 @@ def test_missing_mesh_is_named_with_its_model(mesh, tmp_path):
 
 
 @pytest.mark.timeout(60)
-def test_mesh_of_too_many_triangles_is_refused(mesh, monkeypatch):
+def test_mesh_of_too_many_triangles_is_refused(mesh, monkeypatch, tmp_path):
     strips = np.tile(box(0.01, 0.01, 1.0), (2000, 1, 1)) + np.repeat(np.arange(2000) * 0.02, 12)[:, None, None] * (
         1,
         0,
@@ -169,5 +169,9 @@ def test_mesh_of_too_many_triangles_is_refused(mesh, monkeypatch):
         monkeypatch.setattr("vastflow.sim.world.readers.mesh.MOST_CUTS", 5000)
         mesh(stl(strips))
     monkeypatch.setattr("vastflow.sim.world.readers.sdf.MOST_TRIANGLES", 1000)
+    assert len(mesh(stl(strips[:600]))) == 50
+    text = (tmp_path / "w.sdf").read_text()
+    collision = text[text.index("<collision") : text.index("</link>")]
+    (tmp_path / "w.sdf").write_text(text.replace(collision, 2 * collision))
     with pytest.raises(WorldError, match="expected 1,000 triangles of meshes at most, got more"):
-        mesh(stl(strips[:1200]))
+        read_file(tmp_path / "w.sdf")

@@ -17,6 +17,7 @@ from vastflow.sim.model.shape import Box, Disc, Polygon
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.run import run
 from vastflow.sim.world.bodies import Body, walls_of
+from vastflow.sim.world.difference import WorldDifference
 from vastflow.sim.world.environment import world_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import FREE, UNKNOWN, OccupancyMap
@@ -24,7 +25,7 @@ from vastflow.sim.world.readers.circles import Circles
 from vastflow.sim.world.readers.conformance import check_world_reader
 from vastflow.sim.world.readers.reader import WorldError, files_of_world, read_file
 from vastflow.sim.world.readers.sdf import HIGHEST_M, LOWEST_M, Sdf
-from vastflow.sim.world.world import map_content, read_grid, read_world, world_content
+from vastflow.sim.world.world import World, map_content, read_grid, read_world, world_content
 
 BOX = "<box><size>2 1 1</size></box>"
 EMPTY = OccupancyMap(np.full((80, 80), FREE, dtype=np.int8), 0.05, (-2.0, -2.0))
@@ -415,7 +416,7 @@ def test_map_of_another_grid_is_world_of_walls(tmp_path):
     cells = walled_room(2.0, 2.0)
     known = map_content(write_map(tmp_path / "known", cells))
     cells[20, 20:30] = 100
-    file = write_map(tmp_path / "real", np.repeat(np.repeat(cells, 2, 0), 2, 1)[4:, :])
+    file = write_map(tmp_path / "real", np.repeat(np.repeat(cells, 2, 0), 2, 1)[4:, :-6])
     file.write_text(file.read_text().replace("0.05", "0.025").replace("[0.0, 0.0,", "[0.0, 0.1,"))
     real = world_content(file)
     world = world_of({"map_file": known, "world": real})
@@ -426,8 +427,10 @@ def test_map_of_another_grid_is_world_of_walls(tmp_path):
         (0.0, 0.0),
         real,
     )
-    assert (walls.cells[:4] == UNKNOWN).all() and np.array_equal(walls.cells[4:], read_grid(real).cells)
+    assert (walls.cells[:4] == UNKNOWN).all() and (walls.cells[:, -6:] == UNKNOWN).all()
+    assert np.array_equal(walls.cells[4:, :-6], read_grid(real).cells) and world.ground is world.map
     assert walls.occupied[walls.cell_of(1.01, 1.01)] and not walls.occupied[walls.cell_of(0.99, 1.01)]
     assert len({world.digest, known.digest, real.digest}) == 3
+    assert World(world.map, WorldDifference(1, 0.1)).digest not in (world.digest, known.digest)
     alone = world_of({"world": real})
     assert alone.map is None and alone.walls is read_grid(real)
