@@ -106,6 +106,12 @@ def test_worlds_without_map_are_varied_like_any_value(campaign, tmp_path):
     file.write_text(text.replace("    variations:\n", varied))
     made = instantiate(load_campaign(file)).configurations
     assert [len(world_of(each.scenario.environment).bodies) for each in made] == [24] * 4 + [4] * 4
+    fixed = "    parameters:\n      - start_pose: {x: 0.0, y: 2.5}\n      - goal_pose: {x: 0.0, y: -2.0}\n"
+    head, _, tail = text.partition("    variations:\n")
+    rest = tail[tail.index("    constraints") :].replace("start_clearance >= 0.25", "start_clearance >= 0.35")
+    file.write_text(f"{head}{fixed}{varied}{rest}")
+    (made,) = instantiate(load_campaign(file)).configurations
+    assert len(world_of(made.scenario.environment).bodies) == 4  # the post is 0.2 m away, and the wall 0.4 m
 
 
 def test_start_beyond_world_without_map_is_rejected_with_its_bounds(campaign):
