@@ -24,14 +24,12 @@ def world_of(environment: Mapping[str, Value]) -> World | None:
     Raises:
         ScenarioError: a file can't be read or has changed, or the difference is none.
     """
-    file, world = ground_file(environment), environment.get(WORLD_KEY)
-    if file is None:
-        return None
-    own = world_file_of(world)
-    if own is file:  # nothing is known of it
-        found = read_world(file)
-        return found if found.map is None else World(None, cells=found.map, source=file)
-    return read_world(file, difference_of(world), own)
+    files = world_files(environment)
+    map_file, own = files.get(MAP_KEY), files.get(WORLD_KEY)
+    if map_file is not None:
+        return read_world(map_file, difference_of(environment.get(WORLD_KEY)), own)
+    found = None if own is None else read_world(own)
+    return found if found is None or found.map is None else World(None, cells=found.map, source=own)  # it is not known
 
 
 def world_files(values: Mapping[str, Value]) -> dict[str, FileContent]:

@@ -432,5 +432,6 @@ def test_map_of_another_grid_is_world_of_walls(tmp_path):
     assert walls.occupied[walls.cell_of(1.01, 1.01)] and not walls.occupied[walls.cell_of(0.99, 1.01)]
     assert len({world.digest, known.digest, real.digest}) == 3
     assert World(world.map, WorldDifference(1, 0.1)).digest not in (world.digest, known.digest)
+    assert world_of({"map_file": known, "world": known}).map is world.map
     alone = world_of({"world": real})
     assert alone.map is None and alone.walls is read_grid(real)
