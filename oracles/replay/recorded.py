@@ -49,7 +49,7 @@ def recorded_run(directory: Path, configuration: str, run_index: int) -> Recorde
         row = configuration_row(directory, configuration)
         name = row["duplicate_of"] or configuration
         recording = _recording(directory, name, run_index)
-        scenario = scenario_of_row(row, KeptFiles(directory))
+        scenario = scenario_of_row(row, KeptFiles(directory, plug_ins=True))
         if scenario.digest != row["scenario_digest"]:
             found = f"{scenario.digest[:12]}…, recorded was {row['scenario_digest'][:12]}…"
             raise ValueError(f"the scenario of {row['name']} has digest {found}")

@@ -16,12 +16,14 @@ from vastflow.oracles.observation.trace import trace_of
 from vastflow.oracles.results.schema import behaviors_of, rows_of, table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.blocks import read_block, read_recordings
-from vastflow.sim.model.digest import FileContent, file_digest
+from vastflow.sim.model.digest import FileContent, Value, file_digest
 from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.files import files_below, read_json
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.scenario import Scenario, setup_of
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.snapshot import PlugInFile, snapshot_of
 from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.system.system import system_kind
 from vastflow.sim.world.occupancy import OccupancyMap
@@ -34,9 +36,14 @@ _DIGEST: Final = re.compile("[0-9a-f]{64}")
 
 
 class KeptFiles:
-    """The files of a campaign directory by the digests that scenarios have of them."""
+    """The files of a campaign directory by the digests that scenarios have of them.
 
-    def __init__(self, directory: Path) -> None:
+    Args:
+        plug_ins: Whether plug-ins below `inputs` are found too, to execute what they are part of; nothing is executed to find them.
+    """
+
+    def __init__(self, directory: Path, *, plug_ins: bool = False) -> None:
+        self._plug_ins = plug_ins
         self._directory = directory
         self.inputs = directory / "inputs"
         self._environments = directory / "environments"
@@ -60,6 +67,14 @@ class KeptFiles:
                 raise ValueError(f"no file has the digest {digest[:12]}… that the scenario names")
             self._known[digest] = found
         return self._known[digest]
+
+    def plug_in(self, digest: str, name: str) -> Value:
+        """Return a plug-in as `plug_in_value` does; a name of nothing where it is not asked for, or not kept."""
+        for file in files_below(self.inputs) if self._plug_ins else ():
+            with suppress(PlugInError):
+                if file.suffix == ".py" and (found := snapshot_of(file, self.inputs)).digest == digest:
+                    return [PlugInFile(str(file), digest, {f"{file}:{name}": found}), name]
+        return f"{digest}.py:{name}"
 
     @cached_property
     def _found(self) -> Mapping[str, FileContent]:
@@ -140,10 +155,8 @@ def _value(value: Any, files: KeptFiles) -> Any:
     if not isinstance(value, list):
         return value
     match value:
-        case [{"file": str(digest)}, str(name)] if _DIGEST.fullmatch(
-            digest
-        ):  # a plug-in, which nobody executes from here
-            return f"{digest}.py:{name}"
+        case [{"file": str(digest)}, str(name)] if _DIGEST.fullmatch(digest):
+            return files.plug_in(digest, name)
     return [_value(item, files) for item in value]
 
 

@@ -163,7 +163,8 @@ def _drawn(system: Mapping[str, Value]) -> Chosen:
     file = system.get(FILE_KEY)
     named = [*system.values(), *(loaded(file).values.values() if isinstance(file, FileContent) else ())]
     own = any(FILE in str(value) for value in named)  # others share what `parameters_of` made
-    if FILE in str(system.get(NOISE_MODEL_KEY)):
+    noise = system.get(NOISE_MODEL_KEY)
+    if not isinstance(noise, str | None) or FILE in str(noise):
         system = {key: value for key, value in system.items() if not key.startswith(_NOISE)}
     return _chosen(replace(_system(system), drawn=own))
 
