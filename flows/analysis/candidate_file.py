@@ -26,7 +26,7 @@ from vastflow.sim.model.faults import FileError, message_of
 from vastflow.sim.model.files import copy_file, files_below
 from vastflow.sim.system.keys import FILE_KEY, MASK_KEYS
 from vastflow.sim.world.environment import MAP_KEY
-from vastflow.sim.world.readers.reader import files_of_world
+from vastflow.sim.world.readers.registry import files_of_world
 
 FAMILY: Final = "minimal"
 FILE: Final = "minimal.vast"

@@ -24,7 +24,7 @@ from vastflow.sim.plug_ins.loading import check_permitted, snapshot_behind
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot, plug_ins_in
 from vastflow.sim.scenario.language.reading import files_of
 from vastflow.sim.system.keys import FILE_KEY
-from vastflow.sim.world.readers.reader import files_of_world, reader_of
+from vastflow.sim.world.readers.registry import files_of_world, reader_of
 from vastflow.sim.world.world import World, world_at
 from vastflow.tasks.engine.evaluation import content_of, files_in, producers_in
 from vastflow.tasks.store.artifact import inside

@@ -14,7 +14,8 @@ from vastflow.sim.world import map_file
 from vastflow.sim.world.bodies import LARGEST_CELL_M, Body, walls_of
 from vastflow.sim.world.difference import WorldDifference, differing
 from vastflow.sim.world.occupancy import FREE, UNKNOWN, OccupancyMap
-from vastflow.sim.world.readers.reader import WorldError, check_within, known_reader, read_file, reader_of
+from vastflow.sim.world.readers.reader import WorldError
+from vastflow.sim.world.readers.registry import check_within, known_reader, read_file, reader_of
 
 CACHED_MAPS: Final = 6
 """Kept worlds, and tables of maps: about 45 bytes a cell, 130 MB for a building of 85 m × 85 m."""

@@ -25,7 +25,8 @@ from vastflow.sim.model.faults import FileError, ScenarioError
 from vastflow.sim.model.files import Unreadable, open_file
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot
 from vastflow.sim.scenario.language.reading import files_of
-from vastflow.sim.world.readers.reader import WorldError, files_of_world, known_reader
+from vastflow.sim.world.readers.reader import WorldError
+from vastflow.sim.world.readers.registry import files_of_world, known_reader
 from vastflow.tasks.store.store import WRITING_S, Lost, Store, StoreError
 
 STAGE: Final = "bundle"

@@ -8,7 +8,8 @@ import pytest
 import shapely
 from table import each_row
 
-from vastflow.sim.world.readers.reader import WorldError, files_of_world, read_file
+from vastflow.sim.world.readers.reader import WorldError
+from vastflow.sim.world.readers.registry import files_of_world, read_file
 
 SDF = (
     "<sdf version='1.9'><world name='w'><model name='shelf'><pose>{pose}</pose><link name='l'><collision name='c'><geometry>"

@@ -23,7 +23,8 @@ from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import FREE, UNKNOWN, OccupancyMap
 from vastflow.sim.world.readers.circles import Circles
 from vastflow.sim.world.readers.conformance import check_world_reader
-from vastflow.sim.world.readers.reader import WorldError, files_of_world, read_file
+from vastflow.sim.world.readers.reader import WorldError
+from vastflow.sim.world.readers.registry import files_of_world, read_file
 from vastflow.sim.world.readers.sdf import HIGHEST_M, LOWEST_M, Sdf
 from vastflow.sim.world.world import World, map_content, read_grid, read_world, world_content
 

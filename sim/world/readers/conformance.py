@@ -8,7 +8,8 @@ from typing import Final
 
 from vastflow.sim.world.bodies import Body
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.readers.reader import FARTHEST_M, WorldError, WorldReader, read_file
+from vastflow.sim.world.readers.reader import FARTHEST_M, WorldError, WorldReader
+from vastflow.sim.world.readers.registry import read_file
 
 Reader = type[WorldReader]
 
