@@ -206,7 +206,7 @@ def _written(
 
 
 def _write_environments(directory: Path, worlds: Mapping[str, World], configurations: Iterable[Configuration]) -> None:
-    """Write each map, or the walls of a world without one, into a folder of its digest, with the files of its floor plan.
+    """Write each map into a folder of its digest, with its floor plan's files; without a map the world's walls.
 
     Args:
         worlds: Digest to the worlds that the campaign file names; any other is a producer's own.

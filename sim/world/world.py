@@ -119,7 +119,7 @@ def world_at(path: Path, within: Path | None = None) -> World:
 
 
 def world_content(path: Path, within: Path | None = None) -> FileContent:
-    """Return a map or a world's file as a value, with the digest of what stands in it; raises as `world_at`."""
+    """Return a map or a world's file as a value, with its world's digest; raises as `world_at`."""
     known_reader(path)
     return FileContent(str(path), world_at(path, within).digest)
 
@@ -144,7 +144,7 @@ def free_unknown_cells(file: FileContent) -> int:
 def read_world(
     file: FileContent, difference: WorldDifference | None = None, world_file: FileContent | None = None
 ) -> World:
-    """Return the world of a map, as a difference or a world's own file changes it; or of such a file alone. The last are kept.
+    """Return the world of a map or a file, changed by a difference or a file of its own; the last are kept.
 
     Raises:
         WorldError: a file can't be read, or has changed since the campaign was read.

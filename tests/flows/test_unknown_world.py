@@ -98,7 +98,7 @@ def test_mission_in_world_without_map_is_one_sentence_at_its_line(campaign, worl
 
 
 def test_worlds_without_map_are_varied_like_any_value(campaign, tmp_path):
-    """Posts at the corners let a path of 3 m come as near to walls as it likes; the constraint is of each world's ground."""
+    """The constraint is of each world's own ground."""
     (tmp_path / "room.sdf").write_text(WORLDS["room.sdf"])
     file = campaign("posts.csv", "    constraints:\n      - roomy: start_clearance >= 0.25\n")
     text = file.read_text().replace("    parameters:\n      - world: posts.csv\n", "")
@@ -137,7 +137,7 @@ def test_campaign_directory_keeps_walls_of_world_without_map(campaign, tmp_path)
 
 
 def test_paths_are_drawn_on_world_beside_a_map_where_producer_asks(campaign, tmp_path):
-    """Nothing on the map is known to be free, so that it has no path."""
+    """The map has no path, for all of it is unknown."""
     (tmp_path / "gray.pgm").write_bytes(b"P5 240 240 255\n" + bytes([205] * 240 * 240))
     (tmp_path / "gray.yaml").write_text("{image: gray.pgm, resolution: 0.05, origin: [-6, -6, 0], free_thresh: 0.196}")
     file = campaign("posts.csv")

@@ -87,7 +87,7 @@ def test_mesh_is_scaled_and_stands_at_its_pose(mesh):
 
 
 def test_mesh_that_lies_on_its_side_is_cut_there(mesh):
-    """A column of 2 m, tilted by a quarter turn about x: 0.3 m wide and 2 m long at the heights of a robot."""
+    """A column of 2 m lies on the floor."""
     found = solid(mesh(stl(box(0.3, 0.3, 2.0)), pose="0 0 0.15 1.5707963267948966 0 0"))
     assert found.bounds == pytest.approx((-0.15, -2.0, 0.15, 0.0), abs=1e-6)
 

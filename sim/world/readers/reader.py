@@ -33,7 +33,7 @@ class WorldReader(Protocol):
 
     @staticmethod
     def read(path: Path) -> Sequence[Body] | OccupancyMap:
-        """Return the bodies of a file, whose pose, size, and heights are finite and in the map's frame; or a grid of cells.
+        """Return the bodies of a file, finite and in the map's frame, or a grid of cells.
 
         Raises:
             WorldError: the file can't be used; with its place, the problem, and what was expected.

@@ -72,7 +72,7 @@ def files_of_world(path: Path) -> Sequence[Path]:
 
 
 def check_within(path: Path, folder: Path) -> None:
-    """Raise a `WorldError` if a file of a map or world lies outside of a folder, links followed. No such file is read."""
+    """Raise a `WorldError` before a file of a map or world is read outside of a folder, links followed."""
     home = os.path.realpath(folder)
     files = [path] if not is_inside(path, home) else files_of_world(path)
     if outside := [str(file) for file in files if not is_inside(file, home)]:
