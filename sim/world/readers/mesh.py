@@ -14,7 +14,7 @@ from vastflow.sim.model.pose import DECIMALS
 from vastflow.sim.world.readers.reader import FARTHEST_M, WorldError
 
 MOST_BYTES: Final = 64 * 2**20
-MOST_CUTS: Final = 20_000
+MOST_CUTS: Final = 5_000
 """Maximum number of triangles at a height."""
 HALF_SHEET_M: Final = 0.0005
 """Half the thickness of a surface that encloses nothing."""
@@ -114,13 +114,13 @@ def _turns(edges: NDArray[np.float64], point: shapely.Point) -> int:
 
 
 def without_holes(face: shapely.Polygon) -> Iterator[shapely.Polygon]:
-    """Yield pieces of a polygon, which is cut through the middle of each hole."""
+    """Yield pieces of a polygon, which is cut through each hole; pieces overlap, so that no cell is between them."""
     if not face.interiors:
         yield face
         return
     x0, y0, x1, y1 = face.bounds
     middle = face.interiors[0].centroid.y
-    for half in (shapely.box(x0, y0, x1, middle), shapely.box(x0, middle, x1, y1)):
+    for half in (shapely.box(x0, y0, x1, middle + HALF_SHEET_M), shapely.box(x0, middle - HALF_SHEET_M, x1, y1)):
         for part in shapely.get_parts(face.intersection(half)):
             if part.area > 0.0:
                 yield from without_holes(part)

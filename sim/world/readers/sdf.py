@@ -35,7 +35,7 @@ MOST_INCLUDES: Final = 10_000
 MOST_FILE_BYTES: Final = 64 * 2**20
 NOTHING_STANDS: Final = {"sun", "ground_plane", "ground plane"}
 """Models of Gazebo's collections that nearly each world includes: a light, and a level floor."""
-MOST_TRIANGLES: Final = 5_000_000
+MOST_TRIANGLES: Final = 2_000_000
 """Maximum number of triangles of all meshes, each as often as it stands somewhere."""
 SLICES_M: Final = tuple(0.03 + 0.02 * k for k in range(19))
 """Heights at which a mesh is cut: 0.03 m to 0.39 m."""
