@@ -1,6 +1,6 @@
 """The pinned benchmark: closed loops in CPU time, with everything that could flatter it printed beside it.
 
-    python docs/studies/bench_simulator.py --controller mppi|dwb|rpp [--profile] [--json]
+    python docs/studies/bench_simulator.py --controller mppi|dwb|rpp [--json]
 
 runs this file, as `python docs/studies/bench_simulator.py` does.
 """
@@ -9,24 +9,25 @@ import argparse
 import itertools
 import sys
 import time
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from bench_show import loop_s, shown
-from numpy.typing import NDArray
 
+from vastflow.sim.kernels.binding import Bound
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.scenario import Mission
-from vastflow.sim.nav2.navigator.behavior import REPLAN_TICKS
+from vastflow.sim.nav2.controllers.local_plan import local_plan
+from vastflow.sim.nav2.navigator.behavior import REPLAN_TICKS, controlled
 from vastflow.sim.nav2.navigator.prepared import PreparedMap, prepare
-from vastflow.sim.nav2.navigator.profile import CLOCK, STAGES
-from vastflow.sim.nav2.navigator.state import RUNNING, SUBSTEPS
+from vastflow.sim.nav2.navigator.state import FOLLOWING, RUNNING, SUBSTEPS, Local
+from vastflow.sim.nav2.navigator.state import Route as Plans
 from vastflow.sim.nav2.parameter_files.plug_ins import find_controller, short_names
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, OccupancyMap
@@ -41,6 +42,8 @@ MAP_SEED: Final = 20
 RESOLUTION_M: Final = 0.05
 ROUTES: Final = 5
 TIMEOUT_S: Final = 180.0
+MOMENT_TICKS: Final = 40
+CALLS: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,14 +67,11 @@ LARGE: Final = Floor(100.0, 70.0, 20.0)
 SMALL: Final = Floor(20.0, 20.0, 10.0)
 
 
-def bench(controller: str = "mppi", *, profile: bool = False) -> dict[str, Any]:
+def bench(controller: str = "mppi") -> dict[str, Any]:
     """Closed-loop speed over `ROUTES` routes on each generated floor, one core, kernels warm.
 
     The time counts everything a run costs but reading and preparing the map, which its runs share; what that costs, and what
     a run costs before its first tick, is given beside it.
-
-    Args:
-        profile: Say which stage of a tick took how long.
 
     Returns:
         `x_real_time` (simulated seconds per CPU second) and what it was measured with: of the large floor, and of
@@ -86,11 +86,8 @@ def bench(controller: str = "mppi", *, profile: bool = False) -> dict[str, Any]:
     parameters, lidar = NavParameters(controller=find_controller(short_names()[controller])()), Lidar()
     large, small = _Course(LARGE, parameters), _Course(SMALL, parameters)
     measured = {"controller": controller, **large.measured(), "small": small.measured()}
-    stages = large.profile()
-    measured["control_cycle"] = _cycle(stages["controller"])
-    if profile:
-        measured["profile"] = stages
     return measured | {
+        "control_cycle": large.control_cycle(),
         "reference_cpu_s": round(loop_s(), 3),
         "lidar": {"beams": lidar.beams, "rate_hz": lidar.rate_hz, "range_max_m": lidar.range_max_m},
         "rates_hz": {
@@ -172,36 +169,27 @@ class _Course:
             "floods_per_s": round(floods / simulated_s, 3),
         }
 
-    def profile(self) -> dict[str, Any]:
-        """CPU time of each stage of a tick, less what the clock takes."""
-        laps = np.zeros((len(STAGES), 2))
-        simulated_s = 0.0
+    def control_cycle(self) -> dict[str, Any]:
+        """One call of the controller, from local costmap and path to a command, at moments along the routes."""
+        took_s, calls = 0.0, 0
         for index, route in enumerate(self.routes):
             loop = self.loop(index, route)
-            m = loop.stack.m[0]
-            m["profiling"], m["lapped"] = 1, time.process_time() * 1e6
-            loop.advance()
-            laps += m["laps"]
-            simulated_s += loop.tick * TICK_S
-        return _table(laps, simulated_s)
+            while loop.status == RUNNING and loop.tick < loop.last_tick:
+                loop.advance(loop.tick + MOMENT_TICKS)
+                stack = loop.stack
+                if stack.m[0]["state"] == FOLLOWING and stack.m[0]["path_n"] > 0:
+                    began_s = time.process_time()
+                    _control(stack.p, stack.m, stack.local, stack.route, stack.controller.bound)
+                    took_s, calls = took_s + time.process_time() - began_s, calls + CALLS
+        return {"us": round(1e6 * took_s / calls, 2), "per_s_and_core": round(calls / took_s)}
 
 
-def _table(laps: NDArray[np.float64], simulated_s: float) -> dict[str, Any]:
-    stop_us = float(laps[CLOCK, 0] / laps[CLOCK, 1])
-    return {
-        stage: {
-            "ms_per_simulated_s": round(max(spent_us - count * stop_us, 0.0) / simulated_s / 1e3, 4),
-            "per_simulated_s": round(count / simulated_s, 2),
-        }
-        for index, (stage, (spent_us, count)) in enumerate(zip(STAGES, laps.tolist(), strict=True))
-        if index != CLOCK
-    }
-
-
-def _cycle(stage: Mapping[str, float]) -> dict[str, Any]:
-    """One call of the controller, from local costmap and path to a command."""
-    cycle_us = 1e3 * stage["ms_per_simulated_s"] / stage["per_simulated_s"]
-    return {"us": round(cycle_us, 2), "per_s_and_core": round(1e6 / cycle_us)}
+@njit
+def _control(parameters: Any, memory: Any, local: Local, route: Plans, controller: Bound) -> None:
+    p, m = parameters[0], memory[0]
+    n, end_yaw = local_plan(p, m, local.window, route.path, route.ahead)
+    for _ in range(CALLS):
+        controlled(p, m, local, route, n, end_yaw, controller)
 
 
 def benchmark_map(floor: Floor = LARGE) -> OccupancyMap:
@@ -264,11 +252,10 @@ def main() -> None:
     """Print what was measured."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--controller", default="mppi")
-    parser.add_argument("--profile", action="store_true")
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     try:
-        found = bench(asked.controller, profile=asked.profile)
+        found = bench(asked.controller)
     except ValueError as error:
         print(f"bench_simulator.py: {error}", file=sys.stderr)
         sys.exit(2)

@@ -19,7 +19,6 @@ from vastflow.sim.nav2.controllers.local_plan import local_plan, renew
 from vastflow.sim.nav2.costmaps.window import outline_hits
 from vastflow.sim.nav2.navigator import state
 from vastflow.sim.nav2.navigator.latency import cycle_begins, order, order_when_computed
-from vastflow.sim.nav2.navigator.profile import BEHAVIOR, CONTROLLER, PLANNER, lap
 from vastflow.sim.nav2.navigator.state import Grids, Local, Route
 from vastflow.sim.nav2.planners.binding import compute_path
 from vastflow.sim.nav2.planners.navfn import cell, on_map
@@ -147,7 +146,7 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
         else:
             m.state, m.status = state.ENDED, state.SUCCEEDED
         return
-    valid, v, w, vy = _controlled(p, m, local, route, n, end_yaw, controller)
+    valid, v, w, vy = controlled(p, m, local, route, n, end_yaw, controller)
     if valid:
         m.valid_tick = m.tick
         order_when_computed(m, v, w, vy)
@@ -167,11 +166,9 @@ def _waited(m: Any, since_tick: int, timeout_s: float) -> bool:
 def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
     """ComputePath with its one contextual clearing; false when the pipeline has failed by it."""
     through_poses = p.mission == state.NAVIGATE_THROUGH_POSES
-    lap(m, BEHAVIOR)
     code = p.planner_server.refusal
     if code == 0:
         code = plan(p, m, g, route) if m.global_current == 1 else TIMEOUT
-    lap(m, PLANNER)
     if code == 0:
         set_plan(controller)
         renew(p, m, route.path)
@@ -233,26 +230,23 @@ def plan(p: Any, m: Any, g: Grids, route: Route) -> int:
 
 
 @inner
-def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: float, controller: Bound) -> Any:
+def controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: float, controller: Bound) -> Any:
     """The controller's (valid, v, ω, vy) for the local plan."""
     c, s = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
     dx, dy = m.goal_x - m.map_odom_x, m.goal_y - m.map_odom_y
     goal = (c * dx + s * dy, c * dy - s * dx, wrapped(m.goal_yaw - m.map_odom_yaw))
     v, w, vy = _twist(p, m)
     pose = (m.odom_x, m.odom_y, m.odom_yaw)
-    lap(m, BEHAVIOR)
     outline, dt_s = m.outline[: m.vertices], p.control_ticks * TICK_S
     if p.rotation_shim.enabled != 0:
         turns, rate = rotation_shim.turn(p, m, local.window, route.path, w, dt_s)
         if turns:
-            lap(m, CONTROLLER)
             return True, 0.0, rate, 0.0
     given = ControllerInput(
         local.window, outline, p.inscribed_radius, pose, (v, w), route.ahead[:n], end_yaw, goal, dt_s, vy
     )
     ordered = compute_velocity(controller, given)
     m.shim_w = ordered[2]
-    lap(m, CONTROLLER)
     return ordered
 
 

@@ -26,7 +26,6 @@ from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.navigator.kernels import with_kernels
 from vastflow.sim.nav2.navigator.parameter_record import parameter_record
 from vastflow.sim.nav2.navigator.prepared import PreparedMap
-from vastflow.sim.nav2.navigator.profile import STAGES
 from vastflow.sim.nav2.parameters.costmap import NEVER_HZ, Costmap, SpeedFilter
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners.binding import RunningPlanner
@@ -105,8 +104,6 @@ _REAL: Final = (
     *("done", "last_yaw", "last_x", "last_y"),
     # Yaw rate that the Rotation Shim or the controller in it ordered last; end of the path that the shim had last.
     *("shim_w", "shim_end_x", "shim_end_y", "shim_end_yaw"),
-    # When the last lap of a profile ended.
-    "lapped",
 )
 _WHOLE: Final = (
     *("tick", "status", "events", "rows", "vertices", "beams"),
@@ -120,7 +117,7 @@ _WHOLE: Final = (
     *("plan_tick", "follow_tick"),
     *("heading_due", "shim_turns", "shim_at_goal", "shim_planned"),
     *("attempts", "round_robin", "tried", "follow_retries", "plan_retries"),
-    *("planner_code", "controller_code", "error_code", "recoveries", "missed", "profiling"),
+    *("planner_code", "controller_code", "error_code", "recoveries", "missed"),
 )
 MEMORY: Final = np.dtype(
     [(name, np.float64) for name in _REAL]
@@ -137,7 +134,6 @@ MEMORY: Final = np.dtype(
         ("near_points", np.float64, (2, MOST_BEAMS)),
         ("outline", np.float64, (MOST_VERTICES, 2)),
         ("event_rows", np.float64, (MAX_EVENTS, 6)),
-        ("laps", np.float64, (len(STAGES), 2)),
     ],
     align=True,
 )

@@ -11,7 +11,7 @@ from vastflow.sim.nav2.amcl.localization import estimate, localize
 from vastflow.sim.nav2.amcl.particles import Cloud
 from vastflow.sim.nav2.controllers.binding import reset
 from vastflow.sim.nav2.controllers.speed_zones import limit_speed
-from vastflow.sim.nav2.navigator import profile, state
+from vastflow.sim.nav2.navigator import state
 from vastflow.sim.nav2.navigator.behavior import behave, note
 from vastflow.sim.nav2.navigator.collision_monitor import approach, gather_near_points, zoned
 from vastflow.sim.nav2.navigator.latency import (
@@ -24,7 +24,6 @@ from vastflow.sim.nav2.navigator.latency import (
     receive_odometry,
 )
 from vastflow.sim.nav2.navigator.mapping import clear_global, clear_local, publish_local, update_global, update_local
-from vastflow.sim.nav2.navigator.profile import lap
 from vastflow.sim.nav2.navigator.state import SUBSTEPS, Grids, Local, Route
 from vastflow.sim.world import lidar
 from vastflow.sim.world.motion import Body, due, limited, move_freely, moved, place_movers, steered, wrapped
@@ -71,39 +70,29 @@ def advance(
     """
     p, m = parameters[0], memory[0]
     status = m.status
-    lap(m, profile.OUTSIDE)
     while m.tick < until_tick and m.status == status:
         index = due(body, m.tick)
         if index >= 0:
             return APPEARS + index
         place_movers(body, m.tick, 0.0)
         _see_truth(m, body.pose[0], body.pose[1], body.pose[2])
-        lap(m, profile.RECORDING)
-        lap(m, profile.CLOCK)
         is_new = _sense(p, m, g.skips, body.obstacles, noise)
-        if is_new or p.sweeps != 0:
-            lap(m, profile.LIDAR)
         while is_new:
             gather_near_points(p, m)
-            lap(m, profile.COMMAND_PATH)
             if m.initialized == 1:
                 localize(p, m, g.cubed, cloud)
-            lap(m, profile.AMCL)
             is_new = p.late != 0 and _next_scan(m)
         if m.initialized == 1:
             _navigate(p, m, g, local, route, controller)
         _actuate(p, m)
-        lap(m, profile.ACTUATORS)
         if m.tick % state.ROW_TICKS == 0:
             _record(p, m, rows)
         m.tick += 1
-        lap(m, profile.RECORDING)
         place = g.skips, p.world_resolution, p.origin_x, p.origin_y
         is_free = move_freely(*place, body, m.velocities, TICK_S / SUBSTEPS, hold, m.tick - 1)
         place_movers(body, m.tick - 1, 0.0)
         if not is_free:
             return PHYSICS
-        lap(m, profile.MOTION)
     return DONE
 
 
@@ -136,16 +125,13 @@ def _navigate(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: 
         update_local(p, m, g, local)
         if p.local_costmap.speed_filter.enabled:
             limit_speed(g.zones, m.x, m.y)
-        lap(m, profile.LOCAL_COSTMAP)
     if m.tick % p.publish_ticks == m.phase_publish:
         publish_local(local)
     if m.tick % p.global_ticks == m.phase_global:
         update_global(p, m, g)
         if p.global_costmap.speed_filter.enabled:
             limit_speed(g.zones, m.x, m.y)
-        lap(m, profile.GLOBAL_COSTMAP)
     behave(p, m, g, local, route, controller)
-    lap(m, profile.BEHAVIOR)
 
 
 @inner
@@ -324,9 +310,7 @@ def _actuate(p: Any, m: Any) -> None:
     m.odom_v, m.odom_w, m.odom_vy = 0.0, 0.0, 0.0
     for k in range(SUBSTEPS):
         if k == m.smoother_step:
-            lap(m, profile.ACTUATORS)
             _send(p, m)
-            lap(m, profile.COMMAND_PATH)
         m.wheel_v = limited(m.sent_v, m.wheel_v, p.max_speed, p.max_acceleration, dt_s)
         m.wheel_w = limited(m.sent_w, m.wheel_w, p.max_yaw_rate, p.max_yaw_acceleration, dt_s)
         if p.min_turning_radius > 0.0:
