@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from vastflow.flows.api import run_campaign
-    from vastflow.flows.results.opened import open_results
+    from vastflow.flows.results.address import open_results
     from vastflow.flows.run.stages import execute, instantiate, judge, observe
 
 if __name__ != "vastflow.flows":
@@ -13,7 +13,7 @@ if __name__ != "vastflow.flows":
 
 __all__ = ["execute", "instantiate", "judge", "observe", "open_results", "run_campaign"]
 
-_PLACES: Final = {"run_campaign": "api", "open_results": "results.opened"}
+_PLACES: Final = {"run_campaign": "api", "open_results": "results.address"}
 """Names to their modules; the others are stages."""
 
 

@@ -13,8 +13,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
-from vastflow.oracles.results.unusable import UnusableDirectory
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.files import read_json
 from vastflow.tasks.store.artifact import public_address, redacted
 from vastflow.tasks.store.store import WRITING_S, Store, StoreError, is_address
 
@@ -156,3 +157,20 @@ def check_directory(results: Path, option: str = "") -> None:
     else:
         wrong = f"This is not a campaign directory, as it has no {METADATA}. {right}"
     raise UnusableDirectory(f"{option} {meant_address(results) or results}: {wrong}".lstrip())
+
+
+def open_results(directory: str | os.PathLike[str]) -> "Results":
+    """Open the directory of a finished campaign; nothing of it is executed.
+
+    Raises:
+        UnusableDirectory: it is no campaign directory, or damaged.
+    """
+    from vastflow.flows.results.summary import Results, summary_of
+    from vastflow.tasks.engine.engine import RunFault
+
+    path = Path(directory)
+    check_directory(path)
+    with reading(path):
+        metadata = read_json(path / METADATA)
+        faults = tuple(RunFault(**each) for each in metadata["faults"])
+        return Results(path, summary_of(metadata["counts"], path), faults, tuple(metadata["notes"]))

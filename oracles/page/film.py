@@ -10,8 +10,7 @@ from typing import Final
 from vastflow.oracles.evidence.causes import CauseCount
 from vastflow.oracles.figures.case_figure import case_of
 from vastflow.oracles.figures.drawing import Before, Drawing, Files
-from vastflow.oracles.figures.film import FilmError, write_film
-from vastflow.oracles.figures.run_film import LAST_MS, PICTURE_MS, FilmedRun
+from vastflow.oracles.figures.film import LAST_MS, PICTURE_MS, FilmedRun, FilmError, write_film
 from vastflow.oracles.page.words import number
 from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.tables import Tables

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import PurePosixPath
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
-from pydantic import AfterValidator, BaseModel, Field, WithJsonSchema, model_validator
+from pydantic import AfterValidator, BaseModel, Field, WithJsonSchema
 from pydantic.json_schema import models_json_schema
 from pydantic_core import PydanticCustomError
 
@@ -83,31 +83,6 @@ class Resources(Section):
     """Number of GPUs."""
 
 
-class SecondaryContainer(Section):
-    """A secondary container: `name`, `{name: , resources: {...}}`, or `{name: {resources: {...}}}`."""
-
-    name: str
-    """Name of the container, unique in the campaign."""
-    resources: Resources | None = None
-    """Resources that the container requests from its node."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _named(cls, value: Any) -> Any:
-        if isinstance(value, str):
-            return {"name": value}
-        if isinstance(value, dict):
-            names = [key for key in value if key != "resources"]
-            given = value[names[0]] if len(names) == 1 and names[0] != "name" else ""
-            if given is None or isinstance(given, dict):
-                return {
-                    "name": names[0],
-                    **{key: value[key] for key in ("resources",) if key in value},
-                    **(given or {}),
-                }
-        return value
-
-
 class Local(Section):
     """Settings of runs on the user's own machine."""
 
@@ -164,10 +139,10 @@ class ExecutionSpec(Section):
     """`module:Class` of another simulation."""
     resources: Annotated[Resources | None, Unexecuted("a run takes one core of this machine")] = None
     """Resources that the main container requests from its node."""
-    secondary_containers: Annotated[
-        Annotated[list[SecondaryContainer], EmptyIsList], Unexecuted("no containers are started")
-    ] = Field(default_factory=list)
-    """Containers beside the main one, of the same image."""
+    secondary_containers: Annotated[Annotated[list[Any], EmptyIsList], Unexecuted("no containers are started")] = Field(
+        default_factory=list
+    )
+    """Containers beside the main one, of the same image, in whatever form."""
     env: Annotated[list[Annotated[dict[str, Any], AfterValidator(_one_env)]], EmptyIsList] = Field(default_factory=list)
     """Environment variables of the containers, and of the programs a scenario starts, `- NAME: value`."""
     run_files: Annotated[list[str], EmptyIsList] = Field(default_factory=list)

@@ -70,7 +70,7 @@ def complaints(folder: Path, text: str) -> list[str]:
 def test_keys_of_a_campaign_are_known() -> None:
     spec = spec_of(EVERY_KEY)
     assert spec.execution.runs == 20
-    assert [container.name for container in spec.execution.secondary_containers] == ["nav", "sim", "third", "x"]
+    assert len(spec.execution.secondary_containers) == 4
     assert spec.evaluation.oracles == [{"safety": {}}, {"performance": {"threshold": 0.22}}]
 
 
