@@ -66,7 +66,7 @@ def a_snapshot(tick, **changes):
         "particles": np.array([[moment.true.x_m, 2.0, 0.0]]),
         "robot": Robot(),
         "outline_m": 0.23 * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]),
-        "obstacles": np.array([[2.5, 3.0, 1.0, 0.0, 0.25, 0.25], [np.inf, np.inf, 1.0, 0.0, 0.25, 0.0]]),
+        "obstacles": [np.array([[2.25, 2.75], [2.75, 2.75], [2.75, 3.25], [2.25, 3.25]])],
         "goals": (GOAL,),
         "global_costs": Patch(costs, Pose(0.0, 0.0), 0.05),
         "local_costs": Patch(local, Pose(1.0, 0.5, 0.3), 0.05),
