@@ -29,6 +29,7 @@ from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.recording import Recording, si
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.system.system import system_of
+from vastflow.sim.world import bodies
 from vastflow.sim.world.environment import world_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.octile import inflated_free, shortest_path
@@ -145,6 +146,7 @@ class ScenarioObserver:
         self.references = references
         # The actual walls, and the centers of occupied cells at their surface, in cells (row, column).
         self._walls = None if world is None else world.walls
+        self._bodies = None if world is None else world.bodies
         self._wall_cells: cKDTree | None = None
         if self._walls is not None:
             occupied = self._walls.occupied
@@ -175,7 +177,9 @@ class ScenarioObserver:
             slow &= np.abs(si(recording.columns["lateral_speed_mmps"])) < STANDING_MPS
         slow &= np.abs(si(recording.columns["yaw_rate_mradps"])) < STANDING_RADPS
         derived["stopped"] = slow.astype(np.int32)
-        if self._walls is not None and self._wall_cells is not None:
+        if self._bodies:
+            derived["wall_clearance_mm"] = _mm(bodies.distances_to(self._bodies, np.column_stack((x_m, y_m))))
+        elif self._walls is not None and self._wall_cells is not None:
             derived["wall_clearance_mm"] = _mm(_clearance_m(self._walls, self._wall_cells, x_m, y_m))
         derived["deviation_mm"] = np.full(len(x_m), NOWHERE_MM, dtype=np.int32)  # runs of a block have the same columns
         if isinstance(reference, Reference):

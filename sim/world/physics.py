@@ -6,7 +6,7 @@ until bodies come to rest.
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +19,8 @@ from vastflow.sim.model.elementary import cos_sin, dist, hypot
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Event
-from vastflow.sim.model.shape import Box, Disc
+from vastflow.sim.model.shape import Box, Disc, Vertices
+from vastflow.sim.world.bodies import Body
 from vastflow.sim.world.motion import FREE, MOVING, TOUCHING, chord_mps
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Robot
@@ -59,18 +60,38 @@ def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:
 
 
 class WallIndex:
-    """A map's wall rectangles by tile, so that physics gets only the walls near the robot."""
+    """What stands in a world by tile, so that physics gets only what is near the robot.
+
+    Attributes:
+        rectangles: (N, 4) x0, y0, x1, y1 (m): of a map's walls, or the bounds of bodies.
+    """
 
     TILE_M = 2.0
 
-    def __init__(self, occupancy: OccupancyMap) -> None:
-        self.rectangles = wall_rectangles(occupancy)
+    def __init__(self, occupancy: OccupancyMap, bodies: Sequence[Body] = ()) -> None:
+        self._outlines = [*_outlines(occupancy, bodies)]
+        bounds = [
+            (*points.min(axis=0) - radius_m, *points.max(axis=0) + radius_m) for points, radius_m in self._outlines
+        ]
+        self.rectangles = np.array(bounds) if bodies else wall_rectangles(occupancy)
         self._tiles: dict[tuple[int, int], list[int]] = {}
         spans = np.floor(self.rectangles / self.TILE_M).astype(np.int64)
         for index, (x0, y0, x1, y1) in enumerate(spans.tolist()):
             for x in range(x0, x1 + 1):
                 for y in range(y0, y1 + 1):
                     self._tiles.setdefault((x, y), []).append(index)
+
+    def wall(self, index: int, body: pymunk.Body) -> pymunk.Shape:
+        """Return the shape of a rectangle, or of what is in it."""
+        if self._outlines:
+            points, radius_m = self._outlines[index]
+            return (
+                pymunk.Circle(body, radius_m, tuple(points[0].tolist()))
+                if radius_m
+                else pymunk.Poly(body, points.tolist())
+            )
+        x0, y0, x1, y1 = self.rectangles[index].tolist()
+        return pymunk.Poly(body, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
 
     def tile_of(self, x_m: float, y_m: float) -> tuple[int, int]:
         return math.floor(x_m / self.TILE_M), math.floor(y_m / self.TILE_M)
@@ -252,8 +273,7 @@ class Physics:
         for index in self._walls.around(tile):
             if index not in self._present:
                 self._present.add(index)
-                x0, y0, x1, y1 = self._walls.rectangles[index].tolist()
-                wall = pymunk.Poly(self._space.static_body, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+                wall = self._walls.wall(index, self._space.static_body)
                 wall.collision_type = WALL
                 self._space.add(wall)
 
@@ -337,11 +357,25 @@ def _turn_by_own_functions(body: pymunk.Body) -> None:
 def _robot_shapes(robot: Robot, body: pymunk.Body) -> list[pymunk.Shape]:
     if not robot.vertices:
         return [pymunk.Circle(body, robot.radius_m)]
-    whole = shapely.Polygon(robot.vertices)
+    return [pymunk.Poly(body, part) for part in _convex_parts(shapely.Polygon(robot.vertices), robot.vertices)]
+
+
+def _convex_parts(whole: shapely.Polygon, vertices: Vertices) -> list[Vertices]:
     if whole.convex_hull.area - whole.area <= 1e-9:
-        return [pymunk.Poly(body, robot.vertices)]
+        return [vertices]
     triangles = shapely.constrained_delaunay_triangles(whole)
-    return [pymunk.Poly(body, list(part.exterior.coords)[:-1]) for part in triangles.geoms]
+    return [tuple(part.exterior.coords)[:-1] for part in triangles.geoms]
+
+
+def _outlines(occupancy: OccupancyMap, bodies: Sequence[Body]) -> Iterator[tuple[NDArray[np.float64], float]]:
+    """Yield the points (N, 2) and the radius (m) of each body's convex parts in the grid's frame: a disc is its center."""
+    for body in bodies:
+        if isinstance(body.shape, Disc):
+            yield occupancy.frame.points_to_grid(np.array([(body.pose.x_m, body.pose.y_m)])), body.shape.radius_m
+        else:
+            whole = shapely.transform(body.outline, occupancy.frame.points_to_grid)
+            for part in _convex_parts(whole, tuple(whole.exterior.coords)[:-1]):
+                yield np.array(part), 0.0
 
 
 def _inertia(obstacle: Obstacle) -> float:

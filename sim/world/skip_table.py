@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner, njit
+from vastflow.sim.world.bodies import DISC, Outlines
 
 WALL: Final = 255
 OUTSIDE: Final = 254
@@ -20,6 +21,10 @@ OUTSIDE: Final = 254
 FARTHEST: Final = 253
 OCTANTS: Final = 8
 GOES_ON: Final = -1.0
+COVERED: Final = -1
+"""Name of a wall's cell that no outline crosses."""
+_STEP: Final = 1e-7
+"""Cells by which a beam is beyond the border of two cells, and edges overlap at their ends."""
 
 
 class SkipTable(NamedTuple):
@@ -28,22 +33,32 @@ class SkipTable(NamedTuple):
     Attributes:
         cells: uint8, for each octant (H + 2) × (W + 2) cells by its columns and rows (`_octant`): free columns, `WALL` or `OUTSIDE`.
         rows, columns: Of the map with its frame.
+        named, starts, members, parts: Outlines in walls' cells, see `vastflow.sim.world.bodies.Outlines`; none where cells are walls.
     """
 
     cells: Any
     rows: int
     columns: int
+    named: Any
+    starts: Any
+    members: Any
+    parts: Any
 
 
-def skip_table_of(occupied: NDArray[np.bool_]) -> SkipTable:
-    """Return the table of a map (H, W): 8 bytes a cell."""
+def skip_table_of(occupied: NDArray[np.bool_], outlines: Outlines | None = None) -> SkipTable:
+    """Return the table of a map (H, W): 8 bytes a cell, 12 with outlines of what stands in it."""
+    if outlines is not None:
+        occupied = occupied | (outlines.named > 0)
     rows, columns = occupied.shape[0] + 2, occupied.shape[1] + 2
     walls = np.ones((rows, columns), dtype=np.uint8)
     walls[1:-1, 1:-1] = occupied
     cells = np.empty((OCTANTS, rows * columns), dtype=np.uint8)
     for octant, flat in enumerate(cells):
         _fill(np.ascontiguousarray(_octant(walls, octant)), flat)
-    return SkipTable(cells.reshape(-1), rows, columns)
+    none = np.zeros(0, dtype=np.int32)
+    given = outlines or Outlines(none.reshape(0, 0), none, none, np.zeros((0, 5)))
+    named = given.named if outlines is None else np.where(occupied & (given.named == 0), COVERED, given.named)
+    return SkipTable(cells.reshape(-1), rows, columns, named.astype(np.int32), given.starts, given.members, given.parts)
 
 
 def _octant(walls: NDArray[np.uint8], octant: int) -> NDArray[np.uint8]:
@@ -97,27 +112,101 @@ def ranges_to_walls(
         still = 0
         for i in range(n):
             b = going[i]
-            slope, base = lines[b, 0], lines[b, 1]
-            table, width = places[b, 0], places[b, 1]
-            column, row, free = places[b, 2], places[b, 3], places[b, 4]
-            if free == 0:
-                # A wall may stand in the row above, and the beam may rise to it within this column.
-                if base + slope * (column + 1) >= row + 1:
-                    free = skips.cells[table + column * width + row + 1]
-                    if free >= OUTSIDE:
-                        out[b] = _met(free, (row + 1 - lines[b, 3]) / lines[b, 5], start, end)
-                        continue
-                free = 1
-            column += free
-            row = int(base + slope * column)
-            free = skips.cells[table + column * width + row]
-            if free >= OUTSIDE:
-                out[b] = _met(free, (column - lines[b, 2]) / lines[b, 4], start, end)
-                continue
-            places[b, 2], places[b, 3], places[b, 4] = column, row, free
-            going[still] = b
-            still += 1
+            out[b] = _advance(skips, lines, places, b, start, end)
+            if out[b] == GOES_ON:
+                going[still] = b
+                still += 1
         n = still
+    if skips.named.shape[0] > 0:
+        _meet_outlines(skips, x_cells, y_cells, directions, start, end, lines, places, out)
+
+
+@inner
+def _advance(skips: SkipTable, lines: Any, places: Any, b: int, start: float, end: float) -> float:
+    """Advance a beam by one skip; return GOES_ON, or its distance."""
+    slope, base = lines[b, 0], lines[b, 1]
+    table, width = places[b, 0], places[b, 1]
+    column, row, free = places[b, 2], places[b, 3], places[b, 4]
+    if free == 0:
+        # A wall may stand in the row above, and the beam may rise to it within this column.
+        if base + slope * (column + 1) >= row + 1:
+            free = skips.cells[table + column * width + row + 1]
+            if free >= OUTSIDE:
+                return _met(free, (row + 1 - lines[b, 3]) / lines[b, 5], start, end)
+        free = 1
+    column += free
+    row = int(base + slope * column)
+    free = skips.cells[table + column * width + row]
+    if free >= OUTSIDE:
+        return _met(free, (column - lines[b, 2]) / lines[b, 4], start, end)
+    places[b, 2], places[b, 3], places[b, 4] = column, row, free
+    return GOES_ON
+
+
+@inner
+def _meet_outlines(
+    skips: SkipTable, x: float, y: float, directions: Any, start: float, end: float, lines: Any, places: Any, out: Any
+) -> None:
+    """Turn the distances of beams to walls' cells into those to the outlines that they meet.
+
+    A beam goes on cell by cell while it meets none, and by skips where nothing stands. A cell that no outline crosses is met itself.
+    """
+    named, starts, members, parts = skips.named, skips.starts, skips.members, skips.parts
+    for b in range(directions.shape[0]):
+        dx, dy = directions[b, 0], directions[b, 1]
+        right, up = int(dx > 0.0), int(dy > 0.0)
+        per_x = 1.0 / dx if dx != 0.0 else math.inf
+        per_y = 1.0 / dy if dy != 0.0 else math.inf
+        away, nearest, last = out[b], math.inf, -1
+        while away < min(end, nearest):
+            away += _STEP
+            column, row = math.floor(x + away * dx), math.floor(y + away * dy)
+            to_x = (column + right - x) * per_x if dx != 0.0 else math.inf
+            to_y = (row + up - y) * per_y if dy != 0.0 else math.inf
+            while 0 <= row < named.shape[0] and 0 <= column < named.shape[1]:
+                name = named[row, column]
+                if name == COVERED:
+                    nearest = min(nearest, away)
+                if nearest <= away or name == 0:
+                    break
+                for m in range(starts[name - 1], starts[name]):
+                    k = members[m]
+                    if k != last:
+                        last = k
+                        part = parts[k, 0], parts[k, 1] - x, parts[k, 2] - y, parts[k, 3], parts[k, 4]
+                        nearest = min(nearest, _range_to(*part, x, y, dx, dy, start))
+                away = min(to_x, to_y)
+                if to_x < to_y:
+                    column += 2 * right - 1
+                    to_x += abs(per_x)
+                else:
+                    row += 2 * up - 1
+                    to_y += abs(per_y)
+            if away < nearest:
+                away = _begin(skips, x, y, dx, dy, away, lines, places, 0)
+                while away == GOES_ON:
+                    away = _advance(skips, lines, places, 0, 0.0, end)
+        out[b] = nearest if nearest < end else math.inf
+
+
+@inner
+def _range_to(
+    kind: float, ox: float, oy: float, c: float, d: float, x: float, y: float, dx: float, dy: float, start: float
+) -> float:
+    """Return the distance along a beam to an outline from `start` on, or `inf`; all in cells."""
+    if kind == DISC:
+        along, across = ox * dx + oy * dy, ox * dy - oy * dx
+        inside = c * c - across * across
+        if inside < 0.0:
+            return math.inf
+        half = math.sqrt(inside)
+        return max(along - half, start) if along + half >= start else math.inf
+    ex, ey = c - x - ox, d - y - oy
+    across = dx * ey - dy * ex
+    if across == 0.0:
+        return math.inf
+    away, share = (ox * ey - oy * ex) / across, (ox * dy - oy * dx) / across
+    return away if away >= start and -_STEP <= share <= 1.0 + _STEP else math.inf
 
 
 @inner

@@ -21,6 +21,7 @@ from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners.binding import prepared as planner_prepared
 from vastflow.sim.nav2.planners.planner import Planner, PlannerSetting
+from vastflow.sim.world.bodies import Body, outlines_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import WallIndex
 from vastflow.sim.world.robot_model import Lidar
@@ -77,7 +78,7 @@ def prepare(
     """
     q = parameters.amcl
     occupancy = world.ground
-    geometry = (_geometry if world.walls is occupancy else _other_geometry)(world.walls)
+    geometry = (_geometry if world.walls is occupancy else _other_geometry)(world.walls, world.bodies or ())
     range_max_m = usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1]
     cubed = _likelihood(occupancy, range_max_m, q.z_hit, q.z_rand, q.sigma_hit, q.laser_likelihood_max_dist)
     local, everywhere = parameters.local_costmap, parameters.global_costmap
@@ -90,8 +91,9 @@ def prepare(
 
 
 @functools.lru_cache(maxsize=CACHED_MAPS)
-def _geometry(walls: OccupancyMap) -> tuple[OccupancyMap, WallIndex, SkipTable]:
-    return walls, WallIndex(walls), skip_table_of(walls.occupied)
+def _geometry(walls: OccupancyMap, bodies: tuple[Body, ...]) -> tuple[OccupancyMap, WallIndex, SkipTable]:
+    outlines = outlines_of(bodies, walls) if bodies else None
+    return walls, WallIndex(walls, bodies), skip_table_of(walls.occupied, outlines)
 
 
 _other_geometry = functools.lru_cache(maxsize=CACHED_WORLDS)(_geometry.__wrapped__)
