@@ -32,7 +32,7 @@ from vastflow.sim.world.environment import world_of
 from vastflow.sim.world.occupancy import OccupancyMap
 
 POSES: Final = ("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad")
-_CLEARANCES: Final = {"wall": "walls", "static": "obstacles", "appearing": "appearing obstacles"}
+_CLEARANCES: Final = {"wall": "walls", "static": "obstacles", "appearing": "appearing obstacles", "moving": "movers"}
 SIGNALS: Final[Sequence[tuple[str, str, Mapping[str, str]]]] = (
     ("Speed", "m/s", {"speed_mmps": "true", "sent_speed_mmps": "commanded"}),
     ("Distance to the goal", "m", {"goal_distance_mm": ""}),

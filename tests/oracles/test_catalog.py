@@ -18,6 +18,8 @@ from vastflow.sim.model.obstacle import Obstacle, Trigger
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.model.shape import Box, Disc
+from vastflow.sim.world.mover import MovingBody
+from vastflow.sim.world.waypoints import Waypoints
 
 STRAIGHT = Reference(np.array([[0.0, 0.0], [10.0, 0.0]]), 10.0)
 NO_MAP = NoReference("the scenario has no map")
@@ -433,3 +435,53 @@ BARREL = Obstacle("drum", Disc(0.25), Pose(0.45, 0.0))
 def test_violation_has_duration_and_clearance(speed_mps, obstacle, appears_s, judgment, metrics):
     said, found = answered(speed_mps, [obstacle], appears_s)
     assert (said, {name: found[name] for name in metrics}) == (judgment, pytest.approx(metrics))
+
+
+# safety: bodies that move
+
+
+def met(cart_x_m, cart_speed_mps, robot_x_m=0.0, **parameters):
+    """The verdict on a robot that stands, and a cart that moves along x at a constant speed, 1 s of it."""
+    t_s = np.arange(11) * STEP_S
+    zero = 0 * t_s
+    x_m = cart_x_m + cart_speed_mps * t_s
+    cart = Waypoints(waypoints=((0.0, 0.0), (1.0, 0.0)))
+    situation = Situation(None, (), (), circumscribed_radius_m=0.15, movers=(MovingBody("cart", Disc(0.3), cart),))
+    columns = {"t_s": t_s, "x_m": zero + robot_x_m, "y_m": zero, "speed_mps": zero, "yaw_rad": zero}
+    columns |= {"mover_x_m/cart": x_m, "mover_y_m/cart": zero, "mover_yaw_rad/cart": zero}
+    columns |= {"separation_m/cart": np.abs(x_m - robot_x_m), "moving_clearance_m": np.abs(x_m - robot_x_m) - 0.3}
+    trace = Trace(Run(0, "0", "succeeded", 0, "", 1.0, 1.0, 0, 0), columns, NoReference("none is needed"))
+    return oracle_of("safety", parameters).judge(trace, situation)
+
+
+@each_row(
+    ("cart_x_m", "cart_speed_mps", "judgment", "margin_m"),
+    [
+        # 0.3 + 0.15 + (0.5 + 1.0)² / 5 = 0.9 m: nearest at the end, 2.0 - 1.0 m away.
+        (2.0, -1.0, "pass", 0.1),
+        (1.8, -1.0, "fail", -0.1),
+        # It goes away: the robot's own 0.5 m/s alone, 0.5 m.
+        (0.6, 1.0, "pass", 0.1),
+        # It stands.
+        (0.6, 0.0, "pass", 0.1),
+    ],
+)
+def test_separation_from_a_mover_takes_the_closing_speed(cart_x_m, cart_speed_mps, judgment, margin_m):
+    verdict = met(cart_x_m, cart_speed_mps)
+    assert verdict.judgment == judgment
+    assert verdict.metrics["margin"].value == pytest.approx(margin_m, abs=1e-9)
+    if judgment == "fail":
+        assert verdict.reason == "0.800 m from the center of 'cart', less than 0.900 m"
+
+
+def test_robot_that_touches_a_mover_fails():
+    event = Event(0.5, "contact", 0.0, 0.0, "cart", 0.1)
+    cart = Waypoints(waypoints=((0.0, 0.0), (1.0, 0.0)))
+    situation = Situation(None, (), (), movers=(MovingBody("cart", Disc(0.3), cart),))
+    zero = np.zeros(3)
+    columns = {"t_s": np.arange(3.0), "x_m": zero, "y_m": zero, "speed_mps": zero}
+    columns |= {"mover_x_m/cart": zero + 5, "mover_y_m/cart": zero, "mover_yaw_rad/cart": zero}
+    columns |= {"separation_m/cart": zero + 5, "moving_clearance_m": zero + 4.7}
+    run = Run(0, "0", "succeeded", 0, "", 1.0, 1.0, 0, 0, (event,))
+    verdict = oracle_of("safety", {}).judge(Trace(run, columns, NoReference("none is needed")), situation)
+    assert (verdict.judgment, verdict.reason) == ("fail", "touched 'cart'")

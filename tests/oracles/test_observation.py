@@ -12,10 +12,10 @@ from table import each_row
 
 from vastflow.oracles.judgment.judge import judge_block
 from vastflow.oracles.judgment.registry import oracles_of
-from vastflow.oracles.observation.observe import ScenarioObserver, observe_block
+from vastflow.oracles.observation.observe import ScenarioObserver, distances_to, observe_block
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import Situation, situation_of
-from vastflow.oracles.observation.trace import NoReference, Reference, trace_of
+from vastflow.oracles.observation.trace import NoReference, Reference, signals_of, trace_of
 from vastflow.sim.model.blocks import read_block, write_recordings
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.obstacle import Obstacle, Trigger
@@ -23,6 +23,7 @@ from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.model.shape import Box, Disc
+from vastflow.sim.reading.movers import movers_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.world import world_content
 
@@ -351,3 +352,25 @@ def test_run_is_observed_in_world_without_map(tmp_path, room, build, kept):
     np.testing.assert_allclose(trace["wall_clearance_m"], [1.85, 0.85, 0.35], atol=0.03)
     if kept == "world":
         assert trace.reference.points_xy_m[:, 1].max() > 4.0
+
+
+# Movers
+
+
+CART = {"name": "cart", "shape": {"length_m": 1.0, "width_m": 0.5}, "waypoints": [[0.0, 2.0], [9.0, 2.0]]}
+
+
+def test_mover_has_separation_and_clearance_at_each_row_and_no_part_in_the_reference():
+    situation = Situation(None, (), (), movers=movers_of({"movers": [CART]}))
+    t_ms = np.array([0, 100, 200], dtype=np.int32)
+    moved = {"mover_x_mm/cart": [0, 100, 200], "mover_y_mm/cart": [2000] * 3, "mover_yaw_mrad/cart": [0, 0, 1571]}
+    columns = {"t_ms": t_ms, **{name: np.array(column, dtype=np.int32) for name, column in moved.items()}}
+    run = Run(0, "0", "succeeded", 0, "", 1.0, 1.0, 0, 0)
+    (track,) = obstacle_tracks_of(situation, run, signals_of(columns))
+    assert (track.moves, track.group, track.appears_s, obstacle_tracks_of(situation, run)) == (True, "cart", None, ())
+    found = distances_to([track], t_ms, np.zeros((3, 2)))
+    assert found["separation_mm/cart"].tolist() == [2000, 2002, 2010]
+    # Half a width away while it points along x, half a length once it has turned.
+    assert found["moving_clearance_mm"].tolist() == [1750, 1750, 1500]
+    assert set(found) == {"separation_mm/cart", "moving_clearance_mm"}
+    assert track.outline_m(200).max(axis=0) == pytest.approx((0.2 + 0.25, 2.5), abs=1e-3)

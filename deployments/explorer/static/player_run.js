@@ -58,7 +58,8 @@ export class Run {
       const moves = until - since < NEXT_PLACE_S && to[0] !== null;
       const share = moves ? Math.min(Math.max((t - since) / (until - since), 0), 1) : 0;
       const at = (from, value) => (share ? from + share * (value - from) : from);
-      return [{ ...obstacle, x: at(x, to[0]), y: at(y, to[1]), yaw: at(yaw, to[2]) }];
+      const turn = Math.atan2(Math.sin(to[2] - yaw), Math.cos(to[2] - yaw));
+      return [{ ...obstacle, x: at(x, to[0]), y: at(y, to[1]), yaw: share ? yaw + share * turn : yaw }];
     });
   }
 }
