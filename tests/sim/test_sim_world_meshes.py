@@ -142,7 +142,12 @@ def test_world_has_files_of_its_meshes_and_not_of_what_is_only_seen(tmp_path, me
 
 WHOLE = stl(box(1, 1, 1))
 WRONG = {
-    "COLLADA": (b"<COLLADA/>", "a.dae", "", r"a\.dae: This kind of mesh can't be read. Expected \.stl or \.obj"),
+    "COLLADA": (
+        b"<COLLADA/>",
+        "a.dae",
+        "",
+        r"w\.sdf: shelf::l::c: a\.dae: This kind of mesh can't be read. Expected \.stl or \.obj",
+    ),
     "cut short": (WHOLE[:-1], "a.stl", "", "damaged or empty mesh"),
     "too many announced": (WHOLE[:80] + b"\xff" * 4 + WHOLE[84:], "a.stl", "", "damaged or empty mesh"),
     "nothing": (b"", "a.stl", "", "damaged or empty mesh"),
@@ -187,5 +192,5 @@ def test_mesh_of_too_many_triangles_is_refused(mesh, monkeypatch, tmp_path):
     text = (tmp_path / "w.sdf").read_text()
     collision = text[text.index("<collision") : text.index("</link>")]
     (tmp_path / "w.sdf").write_text(text.replace(collision, 2 * collision))
-    with pytest.raises(WorldError, match="expected 1,000 triangles of meshes at most, got more"):
+    with pytest.raises(WorldError, match="a.stl: expected 1,000 triangles of all meshes at most, got more"):
         read_file(tmp_path / "w.sdf")

@@ -29,18 +29,18 @@ def read_mesh(path: Path) -> Triangles:
     """Read the triangles of a mesh in its own units; faces of more corners become fans.
 
     Raises:
-        WorldError: another kind of file, or a damaged one.
+        WorldError: another kind of file, or a damaged one; without its name.
         Unreadable: it can't be read at all.
     """
     if (read := _READERS.get(path.suffix.lower())) is None:
-        raise WorldError(f"{path}: This kind of mesh can't be read. Expected {' or '.join(_READERS)}.")
+        raise WorldError(f"This kind of mesh can't be read. Expected {' or '.join(_READERS)}.")
     content = read_bytes(path, "a mesh", MOST_BYTES)
     try:
         found = read(content)
     except (ValueError, IndexError, OverflowError):
         found = np.empty((0, 3, 3))
     if not len(found) or not np.all(np.abs(found) <= FARTHEST_M):
-        raise WorldError(f"{path}: expected triangles within {FARTHEST_M:g} of the origin, got a damaged or empty mesh")
+        raise WorldError(f"expected triangles within {FARTHEST_M:g} of the origin, got a damaged or empty mesh")
     return found
 
 

@@ -295,7 +295,7 @@ def _of_mesh(file: _File, shape: Element, to_world: Transform, place: str) -> It
             tree.meshes[path] = read_mesh(path)
         tree.triangles += len(tree.meshes[path])
         if tree.triangles > MOST_TRIANGLES:
-            raise file.error(f"expected {MOST_TRIANGLES:,} triangles of meshes at most, got more")
+            raise WorldError(f"expected {MOST_TRIANGLES:,} triangles of all meshes at most, got more")
         corners = _moved(to_world, tree.meshes[path].reshape(-1, 3) * scale).reshape(-1, 3, 3)
         whole = shapely.union_all([part for height_m in SLICES_M for part in cut(corners, height_m)])
     except ValueError as error:
