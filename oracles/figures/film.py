@@ -1,4 +1,4 @@
-"""Films: of a recorded run on its map, and of any pictures as MP4 (H.264) or GIF; the same pictures give the same bytes."""
+"""Films of runs and pictures as MP4 (H.264) or GIF; the same pictures give the same bytes."""
 
 import math
 import subprocess
@@ -38,7 +38,7 @@ class FilmError(Exception):
 
 
 def write_film(file: Path, pictures: Iterable[Image.Image], picture_ms: int, last_ms: int = 0, crf: int = 23) -> None:
-    """Write RGB pictures (one or more) as H.264, which every browser plays, or smaller as GIF if `file` has that suffix.
+    """Write RGB pictures as H.264, which every browser plays, or smaller as GIF by the suffix of `file`.
 
     Args:
         picture_ms: Duration of a picture.

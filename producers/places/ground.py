@@ -119,7 +119,7 @@ class Ground:
 
 @functools.lru_cache(maxsize=4)
 def ground_of(file: FileContent, robot_diameter_m: float, room_m: float = 0.0) -> Ground:
-    """Return the ground of a robot on a map, or in a world without one. Large ones cost half a second, so they are kept.
+    """Return the ground of a robot on a map, or in a world without one; kept, as it is costly.
 
     Args:
         room_m: How far from the nearest wall its center must be to begin or end there.

@@ -11,7 +11,7 @@ from vastflow.sim.kernels.numeric import njit
 
 
 def zero_pages(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Return zeros that take memory, and time, where they are first written: a large map is seen in part by most runs."""
+    """Return zeros that take memory where they are first written: most runs see a part of a large map."""
     # NumPy's come from a heap that clears them again once a run has freed some as large.
     nbytes = math.prod(shape) * np.dtype(dtype).itemsize
     return np.frombuffer(mmap(-1, max(nbytes, 1)), dtype, math.prod(shape)).reshape(shape)

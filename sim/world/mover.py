@@ -14,7 +14,7 @@ Place: TypeAlias = tuple[float, float, float]
 
 
 class MoverRule(ParameterGroup):
-    """Base of both kinds of movers: their parameters are fields, see `parameter`; a list of lists is a tuple of tuples."""
+    """Base of both kinds of movers, whose parameters are fields; lists of lists become tuples of tuples."""
 
     @field_validator("*", mode="before")
     @classmethod
@@ -31,7 +31,7 @@ class Mover(MoverRule):
 
 
 class Sight(NamedTuple):
-    """What a body that reacts may see.
+    """Things that a body that reacts may see.
 
     Attributes:
         own: Its own pose.

@@ -41,7 +41,7 @@ def outline_of(row: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the outline (N, 2) of a row's obstacle where it stands."""
     x_m, y_m, c, s, a, b, kind = row.tolist()
     shape = Disc(a) if kind == DISC else Box(2 * a, 2 * b)
-    return np.asarray(np.array(shape.vertices_m) @ np.array([[c, s], [-s, c]]) + (x_m, y_m))
+    return np.array([(x_m + c * x - s * y, y_m + s * x + c * y) for x, y in shape.vertices_m])
 
 
 def trigger_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:

@@ -144,7 +144,7 @@ def free_unknown_cells(file: FileContent) -> int:
 def read_world(
     file: FileContent, difference: WorldDifference | None = None, world_file: FileContent | None = None
 ) -> World:
-    """Return the world of a map or a file, changed by a difference or a file of its own; the last are kept.
+    """Return the world of a map or a file, changed by a difference or a file of its own.
 
     Raises:
         WorldError: a file can't be read, or has changed since the campaign was read.

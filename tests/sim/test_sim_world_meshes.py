@@ -192,5 +192,5 @@ def test_mesh_of_too_many_triangles_is_refused(mesh, monkeypatch, tmp_path):
     text = (tmp_path / "w.sdf").read_text()
     collision = text[text.index("<collision") : text.index("</link>")]
     (tmp_path / "w.sdf").write_text(text.replace(collision, 2 * collision))
-    with pytest.raises(WorldError, match="a.stl: expected 1,000 triangles of all meshes at most, got more"):
+    with pytest.raises(WorldError, match=r"a\.stl: expected 1,000 triangles of all meshes at most, got more"):
         read_file(tmp_path / "w.sdf")
