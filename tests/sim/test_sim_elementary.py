@@ -153,6 +153,7 @@ KERNELS = {"njit", "inner", "addressed", "unkept", "kernel"}
 EXACT = {
     ("producers/floorplan/variation.py", "normal"): "rounded to documented numbers",
     ("sim/model/elementary.py", "standard_normal"): "mended there",
+    ("sim/world/readers/mesh.py", "buffer"): "flat ends and mitered corners have no angles, and its points are rounded",
 }
 
 

@@ -34,6 +34,7 @@ RESULTS_OF_READING = {
     "vastflow.sim.world.readers.registry.known_reader",
     "vastflow.sim.world.readers.registry.read_file",
     "vastflow.sim.world.readers.registry.reader_of",
+    "vastflow.sim.reading.movers.mover_shapes",
     "vastflow.sim.reading.movers.movers_of",
     "vastflow.sim.reading.movers.movers_value",
     "vastflow.sim.reading.script.script_of",
