@@ -63,7 +63,7 @@ FORMATS: Final[Registry[Format]] = Registry(
     "format",
     Format,  # type: ignore[type-abstract]
     "working directory",
-    takes_folder=True,
+    is_beside_campaign=True,
 )
 
 

@@ -210,7 +210,7 @@ PRODUCERS: Final[Registry[Producer[Any]]] = Registry(
     "producer",
     Producer,  # type: ignore[type-abstract]
     "campaign file",
-    takes_folder=True,
+    is_beside_campaign=True,
 )
 
 find_producer = PRODUCERS.find

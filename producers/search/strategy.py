@@ -165,7 +165,7 @@ STRATEGIES: Final[Registry[Strategy[Any]]] = Registry(
     "strategy",
     Strategy,  # type: ignore[type-abstract]
     "campaign file",
-    takes_folder=True,
+    is_beside_campaign=True,
 )
 
 find_strategy = STRATEGIES.find

@@ -38,7 +38,7 @@ class Registry(Generic[PlugIn]):
         base: Base class of all of them.
         beside: The file that a plug-in's own file is relative to.
         apart: Entry points of plug-ins whose parameters stand apart from their kernels: a campaign is read without numba.
-        takes_folder: True if a plug-in's file may use all modules of the folder that it is relative to, else those of its own.
+        is_beside_campaign: True if `base` is the campaign's folder, of which a plug-in may read no file unnoticed either.
     """
 
     group: str
@@ -46,7 +46,7 @@ class Registry(Generic[PlugIn]):
     base: type[PlugIn]
     beside: str
     apart: Mapping[str, type[ParameterGroup]] = field(default_factory=dict)
-    takes_folder: bool = False
+    is_beside_campaign: bool = False
 
     @property
     def own(self) -> str:
@@ -128,7 +128,7 @@ class Registry(Generic[PlugIn]):
         file, class_name = plug_in_file(name, base), name.rpartition(":")[2]
         if snapshot is None and not is_file(file):
             raise PlugInError(f"there is no file {str(file)!r}", f"name {self.own}")
-        module = module_of(snapshot or snapshot_of(file, base if self.takes_folder else file.parent))
+        module = module_of(snapshot or snapshot_of(file, base if self.is_beside_campaign else file.parent))
         if not hasattr(module, class_name):
             known = [
                 each

@@ -181,6 +181,14 @@ def test_producer_helper_is_in_key_and_snapshot(home):
     assert installed_tree().plug_in_digest(find_producer("own.py:Own", home)) != digest
 
 
+def test_producer_in_a_folder_reads_no_file_of_the_campaign_unnoticed(home):
+    (home / "limits.txt").write_text("1")
+    (home / "sub").mkdir()
+    (home / "sub" / "own.py").write_text(f"LIMIT = open({str(home / 'limits.txt')!r}).read()\n{PRODUCER}")
+    with pytest.raises(PlugInError, match=r"own.py reads '../limits.txt', which it does not declare"):
+        find_producer("sub/own.py:Own", home)
+
+
 READS = {
     "open": ("", "open({path}).read()"),
     "json": ("import json", "json.load(open({path}))"),
