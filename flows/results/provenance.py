@@ -119,11 +119,8 @@ def origin_differences(
         found.append(
             f"recorded with other source of the simulator ({recorded_source[:12]}, here {execute_source[:12]}){others}"
         )
-    recorded_class = metadata["numeric_class"]
-    if recorded_class != numeric:
-        then, now = numeric_parts(recorded_class), numeric_parts(numeric)
-        words = changes_text(then, now) if then.keys() == now.keys() else f"{recorded_class!r}, here {numeric!r}"
-        found.append(f"recorded on another numeric class: {words}")
+    if metadata["numeric_class"] != numeric:
+        found.append(f"recorded on another numeric class: {metadata['numeric_class']!r}, here {numeric!r}")
     return found
 
 
@@ -144,13 +141,6 @@ def _other_versions(metadata: Mapping[str, Any]) -> Iterator[str]:
     for name, then in metadata["versions"].items():
         if (now := _version(name)) != then:
             yield f"{name} {then}, here {now}"
-
-
-def numeric_parts(numeric: str) -> dict[str, Any]:
-    """Split a numeric class into its parts; one of an older version stays whole."""
-    architecture, *variables = numeric.split("; ")
-    known = all("=" in variable for variable in variables)
-    return {"architecture": architecture, "variables": variables} if known else {"all of it": numeric}
 
 
 def _version(name: str) -> str:
@@ -259,7 +249,7 @@ def stage_ingredients(
 ) -> dict[str, tuple[ReasonKind, Any]]:
     """Return the ingredients of a stage's keys, in the order of messages, of `judge` those of some or all oracles."""
     found: dict[str, tuple[ReasonKind, Any]] = {
-        "numeric class": ("numeric class changed", numeric_parts(metadata["numeric_class"])),
+        "numeric class": ("numeric class changed", metadata["numeric_class"]),
         f"source of {stage}": ("source changed", metadata["code"][stage]),
     }
     if stage == "execute":

@@ -212,7 +212,7 @@ def test_replay_names_other_source_and_numeric_class(results):
     done, said = replayed_json(results, "room-2", 1, "--at", "1.0")
     before, _, after = done.stderr.partition("NOT THE RECORDED RUN: row 12")
     assert done.exit_code == 1
-    assert "recorded on another numeric class: architecture from 'riscv64' to " in before
+    assert "recorded on another numeric class: 'riscv64" in before
     assert "recorded by vastflow" in after and "those of the recording" not in after
     assert [words.partition(" (")[0].partition(":")[0] for words in said["differs"]] == [
         "recorded with other source of the simulator",
