@@ -157,7 +157,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             "comparison.html.j2",
             found=found,
             question=question,
-            judged=_judged(found),
+            judged=_order_by_oracle(found),
             change=file_change(question.before, question.after),
             groups=groups,
             levels=levels if whole else levels[:MOST_LEVELS],
@@ -182,7 +182,7 @@ def _margin(percent: str) -> float:
     return margin
 
 
-def _judged(found: "Compared") -> dict[str, RateDifference]:
+def _order_by_oracle(found: "Compared") -> dict[str, RateDifference]:
     whole = {} if len(found.oracles) == 1 and found.oracle is None else {found.oracle or "all oracles": found.whole}
     return whole | {name: each for name, each in found.oracles.items() if name != found.oracle}
 

@@ -87,7 +87,7 @@ def paths_of(row: NDArray[np.int64], starts: NDArray[np.int64], xy_m: NDArray[np
     )
 
 
-def joined(parts: Sequence[Paths]) -> Paths:
+def join_paths(parts: Sequence[Paths]) -> Paths:
     """Return the paths of several configurations as one."""
 
     def stacked(name: str) -> NDArray[Any]:
@@ -211,7 +211,7 @@ class Reading(threading.Thread):
             except DAMAGE:
                 self.damaged += 1
             if parts and (time.monotonic() > shown_s + _SHOWN_S or done == len(self.configurations)):
-                self.paths = joined([*([self.paths] if self.paths else []), *parts])
+                self.paths = join_paths([*([self.paths] if self.paths else []), *parts])
                 parts, shown_s = [], time.monotonic()
             self.done = done  # after its paths are there
 

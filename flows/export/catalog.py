@@ -57,7 +57,7 @@ class Vast(Format):
         yield from ((f"{SHARED}/{name}", path) for name, path in campaign.files.items())
         suites = []
         for each in campaign.configurations:
-            values = yaml.safe_dump({each.scenario: _written(each.values)}, sort_keys=False, allow_unicode=True)
+            values = yaml.safe_dump({each.scenario: _with_file_paths(each.values)}, sort_keys=False, allow_unicode=True)
             yield f"{each.name}/scenario.config", values.encode()
             if each.duplicate_of is not None:
                 yield f"{each.name}/duplicate_of", f"{each.duplicate_of}\n".encode()
@@ -80,10 +80,10 @@ def _brief(case: Case) -> Case:
     return replace(case, properties={name: case.properties[name] for name in BRIEFLY if name in case.properties})
 
 
-def _written(value: Any) -> Any:
+def _with_file_paths(value: Any) -> Any:
     """`value` with files as paths from the folder of a configuration."""
     if isinstance(value, PurePosixPath):
         return f"../{SHARED}/{value}"
     if isinstance(value, dict):
-        return {key: _written(item) for key, item in value.items()}
-    return [_written(item) for item in value] if isinstance(value, list) else value
+        return {key: _with_file_paths(item) for key, item in value.items()}
+    return [_with_file_paths(item) for item in value] if isinstance(value, list) else value

@@ -48,10 +48,10 @@ class NewDirectory:
             UserError: the disk is full or broken, or may not be written, or the folder was deleted meanwhile.
         """
         root = self.final.parent
-        with _reported(root):
+        with _report_disk_errors(root):
             self._take_over()
         try:
-            with _reported(root, _OF_THE_DISK):
+            with _report_disk_errors(root, _OF_THE_DISK):
                 yield self.partial
                 for name in (WRITER, STOP):
                     (self.partial / name).unlink(missing_ok=True)
@@ -103,7 +103,7 @@ def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirec
     Raises:
         UserError: the disk is full or broken, or may not be written.
     """
-    with _reported(root):
+    with _report_disk_errors(root):
         root.mkdir(parents=True, exist_ok=True)
         sweep(root)
         directory = _reserved(root, f"{directory_name(name)}-{created:%Y-%m-%d-%H%M%S}")
@@ -114,7 +114,7 @@ def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirec
 
 
 @contextmanager
-def _reported(root: Path, codes: Collection[int] | None = None) -> Iterator[None]:
+def _report_disk_errors(root: Path, codes: Collection[int] | None = None) -> Iterator[None]:
     try:
         yield
     except OSError as error:

@@ -101,7 +101,7 @@ def write_results(
         for part in parts(distinct):
             key = kept.key((each, found(each), runs[each.name]) for each in part) if kept else None
             rows = kept.find(key) if kept and key else None
-            written = each_of(partial(_written, place, found, runs), part)
+            written = each_of(partial(_write_configuration, place, found, runs), part)
             if rows is None:
                 rows = rows_of(written, runs, oracles)
                 if kept and key:
@@ -186,7 +186,7 @@ def _readers(threads: int) -> Iterator[Callable[..., Iterator[Any]]]:
         yield pool.map
 
 
-def _written(
+def _write_configuration(
     place: Path, found: Callable[[Configuration], StoredResult], runs: Mapping[str, int], configuration: Configuration
 ) -> tuple[Configuration, StoredResult]:
     result, name = found(configuration), configuration.name

@@ -111,7 +111,7 @@ def execute(
     before = StageResult(chosen, opened.campaign.runs_asked(runs), keys, {}, configurations.faults)
     if runs is None and opened.campaign.sequential is not None:
         return _by_rule(before, stopping_of(opened.campaign.sequential), workers, observer)
-    return Recordings(*_computed("execute", before, opened.oracles, workers, observer))
+    return Recordings(*_compute_stage("execute", before, opened.oracles, workers, observer))
 
 
 def _by_rule(before: StageResult, stopping: Stopping, workers: int | None, observer: Observer | None) -> Recordings:
@@ -154,7 +154,7 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
         StoreError: the store can't be used.
         PrefectUnavailable: Prefect's API can't be started.
     """
-    return Traces(*_computed("observe", recordings, recordings.configurations.opened.oracles, workers, observer))
+    return Traces(*_compute_stage("observe", recordings, recordings.configurations.opened.oracles, workers, observer))
 
 
 def judge(
@@ -178,11 +178,11 @@ def judge(
         PrefectUnavailable: Prefect's API can't be started.
     """
     opened = traces.configurations.opened
-    asked = opened.oracles if oracles is None else _asked(opened, oracles)
-    return Verdicts(*_computed("judge", traces, asked, workers, observer), tuple(oracle.name for oracle in asked))
+    asked = opened.oracles if oracles is None else _read_oracles(opened, oracles)
+    return Verdicts(*_compute_stage("judge", traces, asked, workers, observer), tuple(oracle.name for oracle in asked))
 
 
-def _computed(
+def _compute_stage(
     stage: str, before: StageResult, oracles: Sequence[Oracle[Any]], workers: int | None, observer: Observer | None
 ) -> tuple[Configurations, int, Keys, dict[str, tuple[Stored, ...]], tuple[RunFault, ...], Mapping[str, int]]:
     """Compute missing results of the stage after `before`; return the fields of its result."""
@@ -256,7 +256,7 @@ def _rows(found: FoundRuns, stage: str) -> list[list[Any]]:
     ]
 
 
-def _asked(opened: OpenCampaign, oracles: Sequence[OracleChoice]) -> tuple[Oracle[Any], ...]:
+def _read_oracles(opened: OpenCampaign, oracles: Sequence[OracleChoice]) -> tuple[Oracle[Any], ...]:
     base, faults, requests = opened.path.parent, [], []
     for place, choice in enumerate([oracles] if isinstance(oracles, str | Mapping) else oracles):
         for name, parameters in ({choice: {}} if isinstance(choice, str) else choice).items():

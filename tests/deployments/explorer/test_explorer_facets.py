@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from vastflow.deployments.explorer.configuration_page import neighbor
-from vastflow.deployments.explorer.trajectories import STEP_M, joined, layer, paths_of
+from vastflow.deployments.explorer.trajectories import STEP_M, join_paths, layer, paths_of
 from vastflow.oracles.query.facets import (
     BINS,
     Chosen,
@@ -213,7 +213,7 @@ def walked(table):
         own = walks[first : first + RUNS]
         starts = np.r_[0, np.cumsum([len(walk) for walk in own])]
         parts.append(paths_of(np.arange(first, first + RUNS), starts, np.concatenate(own), grid))
-    return joined(parts), grid, walks
+    return join_paths(parts), grid, walks
 
 
 def test_paths_keep_ends_and_a_point_for_each_step(walked):
