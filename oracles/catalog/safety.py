@@ -35,7 +35,10 @@ class Braking:
 
 
 def approach_mps(track: ObstacleTrack, trace: Trace) -> NDArray[np.float64]:
-    """Return the speed (N,) of a mover toward the robot at each row; 0 where it moves away."""
+    """Return the speed (N,) of a mover toward the robot at each row, 0 where it moves away.
+
+    It is that of their centers, from the rows before and after.
+    """
     t_s = trace["t_s"]
     if len(t_s) < 2:
         return np.zeros(len(t_s))
@@ -208,7 +211,7 @@ class Safety(Oracle[SafetyParameters]):
         return self._kept(trace, wrong, metrics)
 
     def required_m(self, track: ObstacleTrack, robot_m: float, reading: Reading, trace: Trace) -> NDArray[np.float64]:
-        """Return d_min (m) between the centers of a robot of radius `robot_m` and an obstacle, at each row."""
+        """d_min (N,) in meters between the centers of robot and obstacle at each row of a trace."""
         p, shape = self.parameters, track.obstacle.shape
         radius_m = shape.circumradius_m
         if reading == "cube" and isinstance(shape, Box):

@@ -14,7 +14,7 @@ Place: TypeAlias = tuple[float, float, float]
 
 
 class MoverRule(ParameterGroup):
-    """Base of both kinds of movers, whose parameters are fields; lists of lists become tuples of tuples."""
+    """Base of both kinds of movers: parameters are fields, see `parameter`; lists in them become tuples."""
 
     @field_validator("*", mode="before")
     @classmethod
@@ -31,7 +31,7 @@ class Mover(MoverRule):
 
 
 class Sight(NamedTuple):
-    """Things that a body that reacts may see.
+    """The view of a body that reacts.
 
     Attributes:
         own: Its own pose.

@@ -31,7 +31,7 @@ def check_poses(mover: Mover) -> None:
 
 
 def check_rule(mover: Mover) -> None:
-    """Check that a pose depends on parameters and time alone, in whatever order it is asked for."""
+    """Check that a pose depends on parameters and time alone: of a copy, too, in another order."""
     times_s = [tick * TICK_S for tick in range(0, _TICKS, 7)]
     with watched_generators() as used:
         poses = [mover.pose_at(t_s) for t_s in times_s]

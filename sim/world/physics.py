@@ -60,7 +60,7 @@ def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:
 
 
 class WallIndex:
-    """Index of a world's walls by tile, so that physics gets only those near the robot.
+    """Walls and bodies of a world by tile, so that physics gets only those near the robot.
 
     Attributes:
         rectangles: (N, 4) x0, y0, x1, y1 (m): of a map's walls, or the bounds of bodies.
@@ -368,7 +368,7 @@ def _convex_parts(whole: shapely.Polygon, vertices: Vertices) -> list[Vertices]:
 
 
 def _outlines(occupancy: OccupancyMap, bodies: Sequence[Body]) -> Iterator[tuple[NDArray[np.float64], float]]:
-    """Yield points (N, 2) and radius (m) of each body's convex parts in the grid's frame."""
+    """Yield points (N, 2) and radius of each convex part of bodies in the grid's frame (m)."""
     for body in bodies:
         if isinstance(body.shape, Disc):
             yield occupancy.frame.points_to_grid(np.array([(body.pose.x_m, body.pose.y_m)])), body.shape.radius_m

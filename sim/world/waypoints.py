@@ -19,7 +19,7 @@ Point: TypeAlias = tuple[float, float]
 
 
 class _Phase(NamedTuple):
-    """A leg between two places, or a pause at one, in which the body turns to the next leg."""
+    """A leg between two places, or a pause at one in which the body turns to the next leg."""
 
     duration_s: float
     begin: Place
@@ -53,7 +53,7 @@ class Waypoints(Mover):
         return waypoints
 
     def pose_at(self, t_s: float) -> Place:
-        phases, ends_s = self._timetable
+        phases, ends_s = self._path
         t_s = max(t_s - self.start_s, 0.0)
         if self.loop != "once":
             t_s = math.fmod(t_s, ends_s[-1])
@@ -67,8 +67,8 @@ class Waypoints(Mover):
         return x_m, y_m, begin[2] + share * turn_rad
 
     @cached_property
-    def _timetable(self) -> tuple[list[_Phase], list[float]]:
-        """One way, and the time from the start at which each part ends."""
+    def _path(self) -> tuple[list[_Phase], list[float]]:
+        """The parts of the path, and the time from the start at which each ends."""
         phases = [*self._phases()]
         return phases, [*accumulate(phase.duration_s for phase in phases)]
 

@@ -441,7 +441,7 @@ def test_violation_has_duration_and_clearance(speed_mps, obstacle, appears_s, ju
 
 
 def met(cart_x_m, cart_speed_mps, robot_x_m=0.0, **parameters):
-    """Judge 1 s of a robot that stands and a cart that moves along x."""
+    """Judge a second of a robot that stands and a cart that moves along x."""
     t_s = np.arange(11) * STEP_S
     zero = 0 * t_s
     x_m = cart_x_m + cart_speed_mps * t_s

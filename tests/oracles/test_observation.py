@@ -360,7 +360,7 @@ def test_run_is_observed_in_world_without_map(tmp_path, room, build, kept):
 CART = {"name": "cart", "shape": {"length_m": 1.0, "width_m": 0.5}, "waypoints": [[0.0, 2.0], [9.0, 2.0]]}
 
 
-def test_mover_has_separation_and_clearance_and_is_in_no_reference():
+def test_mover_has_separation_and_clearance_at_each_row():
     situation = Situation(None, (), (), movers=movers_of({"movers": [CART]}))
     t_ms = np.array([0, 100, 200], dtype=np.int32)
     moved = {"mover_x_mm/cart": [0, 100, 200], "mover_y_mm/cart": [2000] * 3, "mover_yaw_mrad/cart": [0, 0, 1571]}

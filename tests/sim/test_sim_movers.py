@@ -1,4 +1,4 @@
-"""Bodies that move or react: their places, what meets and sees them, and what is recorded."""
+"""Bodies that move by a rule of time, or react: places, contacts, scans, and recordings."""
 
 import hashlib
 import math
@@ -62,7 +62,7 @@ def scenario_in(map_file, movers=(CROSSING, ROUND), goal=(7.0, 4.0), timeout_s=8
 
 
 def cart_by_hand(t_s):
-    """Drives 3.5 m at 0.7 m/s down and up again, with 0.4 s at either end, from 0.3 s on."""
+    """Pose 3.5 m down and up at 0.7 m/s from 0.3 s on, 0.4 s at either end."""
     t_s = math.fmod(max(t_s - 0.3, 0.0), 2 * 5.4)
     down_m = 0.7 * t_s if t_s < 5.0 else 3.5 if t_s < 5.4 else 3.5 - 0.7 * (t_s - 5.4) if t_s < 10.4 else 0.0
     return 3.0, 4.5 - down_m, -math.pi / 2
@@ -125,7 +125,7 @@ print(hashlib.sha256(write_recordings([run(scenario, i, 7) for i in range(2)])).
 """
 
 
-def test_run_with_movers_is_equal_alone_in_batches_and_elsewhere(two_rooms, recording, tmp_path):
+def test_run_with_movers_has_equal_bytes_alone_batched_and_elsewhere(two_rooms, recording, tmp_path):
     scenario = scenario_in(two_rooms)
     batch = [run(scenario, i, 7) for i in (1, 0)]
     assert batch[1].digest == recording.digest != batch[0].digest

@@ -1,6 +1,8 @@
 """Packed replies, and the frames of stored runs against the recordings they are made of."""
 
+import re
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from vastflow.oracles.observation.trace import NOWHERE_MM
 from vastflow.oracles.query.frames import (
     FREE,
     NO_POINTS,
+    SIGNALS,
     UNKNOWN,
     WALL,
     StoredRun,
@@ -227,3 +230,9 @@ def test_frames_hold_world_and_masks_beside_the_map(directory: Path, tmp_path: P
     assert np.count_nonzero(arrays[world["cells"]] == WALL) > 100
     assert (keepout["x_m"], keepout["y_m"]) == (1.0, 0.5)
     np.testing.assert_array_equal(arrays[keepout["cells"]], zone)
+
+
+def test_plot_has_other_dashes_for_each_line():
+    template = resources.files("vastflow.deployments.explorer").joinpath("templates/tracks.html.j2").read_text()
+    (patterns,) = re.findall(r'stroke-dasharray="\{\{ \((.*?)\)\[each.n\]', template)
+    assert max(len(lines) for _, _, lines in SIGNALS) <= len(set(patterns.split(", ")))
