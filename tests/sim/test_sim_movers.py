@@ -165,6 +165,15 @@ def test_mover_pushes_a_robot_that_stands_in_its_way(shape, half_m):
     assert (x_m, y_m) == (pytest.approx(6.0 + half_m + 0.17, abs=0.03), pytest.approx(3.0, abs=0.02))
 
 
+def test_beam_has_the_distance_to_a_mover_at_the_scan():
+    loop = loop_with([through()], timeout_s=2.0)
+    for tick in (2, 10, 20):
+        loop.advance(tick + 1)
+        nearest_m = float(loop.stack.m[0]["ranges"][:360].min())
+        # The scanner is 4 cm behind the robot's center, the cart's rim 25 cm ahead of the cart's.
+        assert nearest_m == pytest.approx(4.0 - 0.04 - (2.0 + 0.5 * tick * TICK_S + 0.25), abs=1e-3)
+
+
 def test_mover_that_passes_by_touches_nothing():
     loop = loop_with([through(y_m=3.0 + 0.25 + 0.17 + 0.005)])
     loop.advance()
