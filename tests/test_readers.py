@@ -64,7 +64,6 @@ ALLOWED: Final[dict[str, tuple[int, str]]] = {
     "tasks/prefect/api_server.py": (1, "a file of the installation"),
     "tasks/prefect/containers.py": (1, "a scalar of a file within the limits"),
     "tasks/prefect/manifests.py": (2, "files of the installation"),
-    "tasks/prefect/server.py": (1, "the user's profiles of Prefect"),
     "tasks/store/folder_files.py": (1, "the store's own opener: no pipes, no waiting"),
     "tasks/store/remote_files.py": (1, "the user's cache of manifests"),
     "tasks/store/source_files.py": (1, "files of the installation"),
