@@ -29,6 +29,7 @@ from vastflow.sim.reading.movers import movers_of
 from vastflow.sim.replay import Box as View
 from vastflow.sim.replay import replay
 from vastflow.sim.run import run
+from vastflow.sim.world.motion import TOUCHING
 from vastflow.sim.world.mover import MovingBody, ReactiveMover
 from vastflow.sim.world.mover_conformance import check_mover
 from vastflow.sim.world.occupancy import OccupancyMap
@@ -186,6 +187,7 @@ def test_fast_mover_meets_the_robot_between_two_ticks():
     loop.advance()
     assert [event.kind for event in loop.events][:1] == ["contact"]
     assert loop.events[0].value == pytest.approx(9.0, rel=0.05)
+    assert loop.events[0].t_s == pytest.approx((2.0 - 0.25 - 0.17) / 9.0, abs=0.0101)
 
 
 def test_mover_starts_again_and_pushes_the_robot_that_it_stopped_at():
@@ -196,6 +198,17 @@ def test_mover_starts_again_and_pushes_the_robot_that_it_stopped_at():
     assert stopped_m == pytest.approx(3.59 + 0.42, abs=0.005)
     loop.advance()
     assert loop.body.pose[0] == pytest.approx(5.0 + 0.42, abs=0.03)
+
+
+def test_mover_comes_to_a_robot_that_touches_a_thing_at_rest():
+    way = Waypoints(waypoints=((4.0, 1.0), (4.0, 5.0)), speed_m_s=0.5)
+    loop = loop_with([MovingBody("cart", DRUM, way)], timeout_s=5.0)
+    loop.spawn(Obstacle("crate", Box(0.3, 0.3), Pose(4.0 + 0.17 + 0.15 - 0.001, 3.0)), False)
+    loop.advance(20)
+    assert loop._physics.hold == TOUCHING
+    loop.advance()
+    assert [event.what for event in loop.events if event.kind == "contact"][:2] == ["crate", "cart"]
+    assert loop.body.pose[1] == pytest.approx(1.0 + 0.5 * 5.0 + 0.42, abs=0.03)
 
 
 def test_mover_pushes_an_obstacle_far_from_the_robot():
