@@ -18,8 +18,6 @@ from vastflow.sim.model.obstacle import Obstacle, Trigger
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.model.shape import Box, Disc
-from vastflow.sim.world.mover import MovingBody
-from vastflow.sim.world.waypoints import Waypoints
 
 STRAIGHT = Reference(np.array([[0.0, 0.0], [10.0, 0.0]]), 10.0)
 NO_MAP = NoReference("the scenario has no map")
@@ -445,8 +443,7 @@ def met(cart_x_m, cart_speed_mps, robot_x_m=0.0, **parameters):
     t_s = np.arange(11) * STEP_S
     zero = 0 * t_s
     x_m = cart_x_m + cart_speed_mps * t_s
-    cart = Waypoints(waypoints=((0.0, 0.0), (1.0, 0.0)))
-    situation = Situation(None, (), (), circumscribed_radius_m=0.15, movers=(MovingBody("cart", Disc(0.3), cart),))
+    situation = Situation(None, (), (), circumscribed_radius_m=0.15, movers={"cart": Disc(0.3)})
     columns = {"t_s": t_s, "x_m": zero + robot_x_m, "y_m": zero, "speed_mps": zero, "yaw_rad": zero}
     columns |= {"mover_x_m/cart": x_m, "mover_y_m/cart": zero, "mover_yaw_rad/cart": zero}
     columns |= {"separation_m/cart": np.abs(x_m - robot_x_m), "moving_clearance_m": np.abs(x_m - robot_x_m) - 0.3}
@@ -476,8 +473,7 @@ def test_separation_from_a_mover_takes_the_closing_speed(cart_x_m, cart_speed_mp
 
 def test_robot_that_touches_a_mover_fails():
     event = Event(0.5, "contact", 0.0, 0.0, "cart", 0.1)
-    cart = Waypoints(waypoints=((0.0, 0.0), (1.0, 0.0)))
-    situation = Situation(None, (), (), movers=(MovingBody("cart", Disc(0.3), cart),))
+    situation = Situation(None, (), (), movers={"cart": Disc(0.3)})
     zero = np.zeros(3)
     columns = {"t_s": np.arange(3.0), "x_m": zero, "y_m": zero, "speed_mps": zero}
     columns |= {"mover_x_m/cart": zero + 5, "mover_y_m/cart": zero, "mover_yaw_rad/cart": zero}

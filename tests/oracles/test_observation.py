@@ -23,7 +23,7 @@ from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.model.shape import Box, Disc
-from vastflow.sim.reading.movers import movers_of
+from vastflow.sim.reading.movers import mover_shapes
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.world import world_content
 
@@ -361,7 +361,7 @@ CART = {"name": "cart", "shape": {"length_m": 1.0, "width_m": 0.5}, "waypoints":
 
 
 def test_mover_has_separation_and_clearance_at_each_row():
-    situation = Situation(None, (), (), movers=movers_of({"movers": [CART]}))
+    situation = Situation(None, (), (), movers=mover_shapes({"movers": [CART]}))
     t_ms = np.array([0, 100, 200], dtype=np.int32)
     moved = {"mover_x_mm/cart": [0, 100, 200], "mover_y_mm/cart": [2000] * 3, "mover_yaw_mrad/cart": [0, 0, 1571]}
     columns = {"t_ms": t_ms, **{name: np.array(column, dtype=np.int32) for name, column in moved.items()}}

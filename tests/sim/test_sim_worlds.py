@@ -296,7 +296,10 @@ def test_readers_keep_their_promises(tmp_path, reader):
 
 
 def test_world_of_unknown_kind_names_kinds_there_are(tmp_path):
-    with pytest.raises(WorldError, match=r"no reader of this kind of world. Expected .csv, .sdf, .world, .yaml, .yml"):
+    with pytest.raises(
+        WorldError,
+        match=r"no reader of this kind of world\. Expected \.bodies\.json, \.csv, \.sdf, \.world, \.yaml, \.yml",
+    ):
         world_content(tmp_path / "hall.dwg")
 
 
