@@ -91,7 +91,7 @@ class Moment:
 
 
 State: TypeAlias = Stack
-"""What the watch of a run is given: the state of a system after a tick, which `moment_of` and `snapshot_of` read."""
+"""State of a system after a tick, as the watch of a run gets it; `moment_of` and `snapshot_of` read it."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -284,7 +284,7 @@ class Replay:
 
     Attributes:
         moments: One of each tick.
-        snapshots: Those of the requested ticks up to the run's end.
+        snapshots: Snapshots of the requested ticks up to the run's end.
     """
 
     recording: Recording

@@ -56,7 +56,7 @@ class Seam:
         main: Name of the main kernel.
         given: Type of its last argument.
         returns: Whether it may return a type; `wanted` says in words what it must return.
-        entries: What calls `forwarding(...)` with (layout, given), and under the others' names what does with (layout).
+        entries: Functions by kernel name that call `forwarding(...)`: the main one with (layout, given), the others with (layout).
     """
 
     def __init__(
@@ -172,7 +172,7 @@ def forwarding(number: int, result: Any, *given: Any, convert: Callable[..., Any
     """Return the Python function of an entry: it reads the record with `layout` and calls the kernel with `given`.
 
     Args:
-        number: Of the kernel in its seam; 0 is the main one, which gets the parameters.
+        number: Number of the kernel in its seam; 0 is the main one, which gets the parameters.
         convert: (context, builder, type, value, `result`) to what the main kernel returned as the type `result`.
     """
 

@@ -264,7 +264,7 @@ class KernelCache(NullCache):  # type: ignore[misc]  # numba has no types
 
     Args:
         function: The kernel as Python has it, from a file.
-        folder: Where compiled kernels lie; made when there is one to keep.
+        folder: Folder of compiled kernels; made when there is one to keep.
     """
 
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:

@@ -32,7 +32,7 @@ class ClosedLoop:
     obstacle appears. Arguments and events are in the map's frame, `stack`, `body`, and `obstacles` in that of its grid (`frame`).
 
     Args:
-        obstacles: Those that stand from the start, and those that appear when the robot comes near.
+        obstacles: Obstacles that stand from the start, and those that appear when the robot comes near.
         entropy: (seed, situation, run index), see `vastflow.sim.kernels.streams.run_entropy`.
         timeout_s: Simulated time at which the run ends.
         movers: Bodies that move, whatever they meet.
@@ -43,7 +43,7 @@ class ClosedLoop:
         last_tick: Number of ticks until the timeout.
         movers: Poses of the bodies that move.
         obstacles: All that there ever were, in the order of `body.obstacles`: first the movers, as they stand at the start.
-        spawned: Those that were put into the world during the run.
+        spawned: Obstacles that were put into the world during the run.
         sent_s: Simulated time of the robot's first mission; None before.
     """
 
@@ -150,7 +150,7 @@ class ClosedLoop:
         halt(self.stack.m, self.stack.controller.bound)
 
     def standing(self, name: str) -> int | None:
-        """Return the number of the obstacle of this name that stands in the world now; a mover does not stand."""
+        """Return the number of the standing obstacle called `name`, or None; a mover does not stand."""
         moving = self.body.movers.shape[1]
         named = (index for index, obstacle in enumerate(self.obstacles) if index >= moving and obstacle.name == name)
         return next((index for index in named if math.isfinite(self.body.obstacles[index, 0])), None)

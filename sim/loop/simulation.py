@@ -25,7 +25,7 @@ class Simulation(ClosedLoop):
     Attributes:
         orders: Missions so far.
         published: Topic to the messages that the scenario published on it, in order.
-        told: What the scenario had Nav2 do, as its nodes log it: node and text, in order.
+        told: Log lines of Nav2's nodes on what the scenario had them do: node and text, in order.
     """
 
     def __init__(self, *args: Any) -> None:

@@ -24,7 +24,7 @@ from vastflow.sim.model.recording import Columns, Outputs
 
 MAX_UNPACKED_BYTES: Final = 512 * 2**20
 MOST_OUTPUTS_BYTES: Final = 4 * 2**30
-"""Of all outputs of a configuration; those of a run have at most 320 MiB."""
+"""Size limit of all outputs of a configuration, unpacked; those of a run have at most 320 MiB."""
 _LONG_AGO: Final = (1980, 1, 1, 0, 0, 0)
 _DTYPES: Final[Mapping[str, Any]] = {"double": np.float64, "int64": np.int64, "bool": np.bool_, "string": object}
 

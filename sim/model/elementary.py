@@ -20,7 +20,7 @@ _ROUND: Final = 6755399441055744.0
 _PI_LOW: Final = 1.2246467991473532e-16
 """π less the double nearest to it."""
 _TAIL: Final = 3.6541528853610088
-"""Where NumPy draws a normal number from its tail, by a logarithm of the C library."""
+"""Magnitude beyond which NumPy draws a normal number from the tail, by a logarithm of the C library."""
 
 
 def cos_sin(angle_rad: float) -> tuple[float, float]:

@@ -19,7 +19,7 @@ class Misfit:
 
     Attributes:
         start, end: Indices of the token that does not fit; both behind the last word where the text ends too early.
-        terminal: Of that token; empty where no token begins, `$END` at the end of the text.
+        terminal: Terminal of that token; empty where no token begins, `$END` at the end of the text.
         expected: Terminals that could stand there.
     """
 
@@ -60,7 +60,7 @@ def misplaced(got: Got, word: str, listed: Iterable[str], suggested: Iterable[st
 
     Args:
         listed: Keywords and signs in quotes, other terminals in words.
-        suggested: Those that `word` may have been meant to be; `listed` where it is None.
+        suggested: Names that `word` may have been meant to be; `listed` where it is None.
     """
     names = sorted(set(listed))
     if near := nearest(word, {name.strip("'") for name in suggested or names if " " not in name}):

@@ -51,7 +51,7 @@ class Neighbors:
         modules: Python files by absolute path, with what is in them; the plug-in's own is the first.
         data: Declared data files by absolute path, with what is in them.
         outside: Top-level names of modules that it imports from elsewhere, neither Python's own nor vastflow's.
-        hidden: What can't be followed.
+        hidden: Inputs that can't be followed.
     """
 
     modules: dict[Path, bytes] = field(default_factory=dict)

@@ -29,10 +29,10 @@ class Snapshot:
         modules: Places of all Python files, to the SHA-256 of their content; so has `data`, of declared data files. Places are
             relative to the folder that all lie below.
         outside: Top-level names of the modules that it imports from elsewhere.
-        folder: Where the copies are.
+        folder: Folder of the copies.
         origin: The folder that was copied from.
         campaign: The campaign's folder.
-        hidden: What results may follow from and nobody can follow.
+        hidden: Inputs that results may depend on and that can't be followed.
     """
 
     entry: str

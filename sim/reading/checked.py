@@ -38,13 +38,13 @@ class RobotSetup:
     """A robot that drives, and where.
 
     Attributes:
-        start: Where it stands at first.
-        parameters: Of its navigation stack, all resolved.
+        start: Pose of the robot at the start.
+        parameters: Parameters of its navigation stack, all resolved.
         robot: Its body and actuators.
         lidar: Its laser scanner.
-        difference: How the world differs from the map; None where it does not.
-        masks: Of the costmaps' filters.
-        world_file: What the world is read from; None where that is the map.
+        difference: Difference of the world from the map; None without one.
+        masks: Masks of the costmaps' filters.
+        world_file: File that the world is read from; None where that is the map.
         movers: Bodies that move.
     """
 
@@ -69,7 +69,7 @@ class CheckedScenario:
         actions: Names of all actions that the script calls.
         is_sent: Whether the script sends the robot somewhere.
         robot: None where none drives.
-        programs: What programs of a run are given; None where the scenario starts none.
+        programs: Setup of a run's programs; None where the scenario starts none.
         handed: Files that are values of the script's parameters.
     """
 

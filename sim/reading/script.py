@@ -109,13 +109,13 @@ class Script:
 
     Attributes:
         values: Every parameter of the definition.
-        start: Where the robot stands at first: the scenario's `start_pose`, else where `init_nav2` puts it; None without a robot.
-        goals: Of the navigation actions in the order they are written, repeated by their loops, as far as they are known
+        start: Pose of the robot at the start: the scenario's `start_pose`, else where `init_nav2` puts it; None without a robot.
+        goals: Goals of the navigation actions in the order they are written, repeated by their loops, as far as they are known
             before a run.
         passed: The goals among them that a mission through poses passes by, and that every run visits that succeeds.
-        rounds: How often the goals are visited in turn.
-        obstacles: What stands there, or appears, whatever the scenario does; entities it spawns itself are not among them.
-        topics: What its `bag_record`s name; None where there are none, where one names none and so all, or where only a
+        rounds: Number of times that the goals are visited in turn.
+        obstacles: Obstacles that stand or appear whatever the scenario does; entities it spawns itself are not among them.
+        topics: Topics that its `bag_record`s name; None where there are none, where one names none and so all, or where only a
             run knows.
     """
 

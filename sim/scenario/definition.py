@@ -17,7 +17,7 @@ class Type:
     """A basic type, a physical type, a struct, an enum, an actor, or a list of one of them.
 
     Attributes:
-        kind: What the name is the name of.
+        kind: Kind of the type that has this name.
     """
 
     name: str
@@ -162,7 +162,7 @@ class Call:
         actor: The instance that acts, by name; empty for an action of no actor.
         arguments: Every declared parameter that was given or has a default. One that names a variable, such as the target
             of `increment`, is the variable's name as a `Constant`.
-        label: As written before the call, or empty.
+        label: Label as written before the call, or empty.
     """
 
     action: str
@@ -229,7 +229,7 @@ class Field:
 
     Attributes:
         default: None where a value has to be given; a `var` begins with it.
-        unit: Of a physical default as it is written (`36.0kmph`: `kmph`), else empty.
+        unit: Unit of a physical default as it is written (`36.0kmph`: `kmph`), else empty.
         is_variable: Whether it is a `var`, a value that may change during a run.
     """
 

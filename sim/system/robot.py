@@ -42,7 +42,7 @@ class Latency(ParameterGroup):
 
     Attributes:
         scan_age, scan_jitter: From the end of a scan to AMCL, costmaps, and collision monitor.
-        odometry_rate: Of odometry's messages and its transform.
+        odometry_rate: Rate of odometry's messages and its transform.
         tf_age, tf_jitter: From a sample of odometry to the stack.
         controller_time, controller_jitter: From the begin of a controller cycle to its command; while it computes, none begins.
         missed_cycles: Share of the controller's cycles that are left out; the last command stands.
@@ -69,8 +69,8 @@ class OdometryDrift(ParameterGroup):
     After L meters and A radians, the distance has the standard deviation sqrt(a² L + b² A), and the yaw likewise. The twist is the wheels'.
 
     Attributes:
-        translation_std_per_meter, translation_std_per_radian: Of the distance after 1 m, and after a turn of 1 rad (m).
-        rotation_std_per_meter, rotation_std_per_radian: Of the yaw after 1 m, and after a turn of 1 rad (rad).
+        translation_std_per_meter, translation_std_per_radian: Standard deviation of the distance after 1 m, and after a turn of 1 rad (m).
+        rotation_std_per_meter, rotation_std_per_radian: Standard deviation of the yaw after 1 m, and after a turn of 1 rad (rad).
     """
 
     translation_std_per_meter: float = parameter(0.0, 0.0, 10.0)

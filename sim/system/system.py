@@ -42,10 +42,10 @@ class SystemFile:
     """A system's parameter file as a campaign has it.
 
     Attributes:
-        values: What every scenario's system has from it.
+        values: Values that every scenario's system has from it.
         faults: Why it can't be used.
-        notes: What is read otherwise than the file's author may expect.
-        defaults: Of `metadata.json`: the defaults that count for what the file leaves out, and since which version.
+        notes: Notes on what is read otherwise than the file's author may expect.
+        defaults: Entry of `metadata.json`: the defaults that count for what the file leaves out, and since which version.
     """
 
     values: Mapping[str, Value] = field(default_factory=dict)
@@ -152,7 +152,7 @@ class SystemKind(Protocol):
         """Return a parameter file, its faults, and its notes.
 
         Args:
-            values: What else the campaign says of how to read it.
+            values: Other values of the campaign that say how to read it.
         """
 
     def file_content(self, path: Path, within: Path | None = None) -> FileContent:

@@ -28,7 +28,7 @@ class Body:
     """A body of a world, at rest.
 
     Attributes:
-        name: As its file calls it.
+        name: Name in its file.
         pose: In the map's frame.
         bottom_m, top_m: Heights above the floor between which it is.
     """

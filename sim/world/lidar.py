@@ -31,7 +31,7 @@ def scan(
     """Write a noiseless scan into `out_m` (B,); `inf` where a beam meets nothing.
 
     Args:
-        skips: Of the map's walls.
+        skips: Skip table of the map's walls.
         obstacles: (K, 7) float64, see `vastflow.sim.world.obstacle_rows`.
         sensor_xyt: (3,) sensor position in the map and the robot's yaw.
         directions: (B, 2) beams in the robot's frame, evenly spaced counter-clockwise over one turn at the most.

@@ -71,7 +71,7 @@ class Body(NamedTuple):
 
     Attributes:
         pose: (3,) float64 true x, y, yaw; kernels and the engine move it in turn.
-        radius_m: Of its disc, or of one that holds its polygon: near anything the engine looks closer.
+        radius_m: Radius of its disc, or of one that holds its polygon: near anything the engine looks closer.
         obstacles: (K, 7) float64, see `vastflow.sim.world.obstacle_rows`.
         triggers: (K, 5) float64 x, y of each obstacle's trigger point, the distance from it within which the robot triggers the
             obstacle, the ticks from then until it appears, and the tick at which it does. The distance is negative for one that

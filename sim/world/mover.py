@@ -60,7 +60,7 @@ class MovingBody:
     """A body of a world that moves.
 
     Attributes:
-        rule: Where it is; nothing in the world stops it.
+        rule: Rule of its motion; nothing in the world stops it.
     """
 
     name: str

@@ -11,7 +11,7 @@ class GaussianDropoutParameters(ParameterGroup):
     """Noise of the paper's relay between simulator and Nav2, under the names of its launch arguments.
 
     Attributes:
-        laserscan_gaussian_noise_std_deviation: Of every beam, meters.
+        laserscan_gaussian_noise_std_deviation: Standard deviation of each beam's range (m).
         laserscan_random_drop_percentage: Share of beams lost, a fraction 0..1 in spite of its name.
     """
 

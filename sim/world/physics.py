@@ -107,7 +107,7 @@ class Physics:
     """Bodies and contacts of one run. Walls join the space tile by tile as a body comes near them.
 
     Args:
-        obstacles: Those that move, that stand from the start, that appear, and that are added later; obstacles are numbered in
+        obstacles: Obstacles that move, that stand from the start, that appear, and that are added later; they are numbered in
             this sequence.
         movers: (T, M, 3) poses of the first M at each tick, see `vastflow.sim.world.motion.Body`.
 
@@ -331,11 +331,11 @@ def _at_rest(body: pymunk.Body) -> bool:
 
 
 _TRANSFORM: Final = 17
-"""Where in a body of Chipmunk its transform begins, in doubles."""
+"""Offset of the transform in a body of Chipmunk, in doubles."""
 
 
 def _turn_by_own_functions(body: pymunk.Body) -> None:
-    """Give a body cosine and sine of ours, as Chipmunk asks the C library for them."""
+    """Make a body use `cos_sin` for its rotation, for which Chipmunk calls the C library."""
     transform = ffi.cast("double *", body._body)[_TRANSFORM : _TRANSFORM + 4]
 
     def turn() -> None:

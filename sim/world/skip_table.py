@@ -32,7 +32,7 @@ class SkipTable(NamedTuple):
 
     Attributes:
         cells: uint8, for each octant (H + 2) × (W + 2) cells by its columns and rows (`_octant`): free columns, `WALL` or `OUTSIDE`.
-        rows, columns: Of the map with its frame.
+        rows, columns: Size of the map with its frame, in cells.
         named, starts, members, parts: Outlines in walls' cells, see `vastflow.sim.world.bodies.Outlines`; none where cells are walls.
     """
 
@@ -46,7 +46,7 @@ class SkipTable(NamedTuple):
 
 
 def skip_table_of(occupied: NDArray[np.bool_], outlines: Outlines | None = None) -> SkipTable:
-    """Return the table of a map (H, W): 8 bytes a cell, 12 with outlines of what stands in it."""
+    """Return the table of a map (H, W): 8 bytes a cell, 12 with outlines of bodies."""
     if outlines is not None:
         occupied = occupied | (outlines.named > 0)
     rows, columns = occupied.shape[0] + 2, occupied.shape[1] + 2

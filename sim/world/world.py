@@ -32,10 +32,10 @@ class World:
     """A world that a robot drives in.
 
     Attributes:
-        map: What the robot knows of it; None if nothing.
-        difference: How the walls differ from the map; None where they do not.
-        bodies: What stands in it by a file of its own; None where cells say what does.
-        cells: What stands in it by a file of its own; None where bodies say what does, or the map.
+        map: Map that the robot has; None without one.
+        difference: Difference of the walls from the map; None without one.
+        bodies: Bodies that stand in it by a file of its own; None where cells say what stands there.
+        cells: Cells that stand in it by a file of its own; None where bodies or the map say what stands there.
         source: The file that says what stands in it; None where it is from no file.
     """
 
@@ -73,7 +73,7 @@ class World:
 
     @cached_property
     def digest(self) -> str:
-        """Digest of map, difference, and what stands in it; that of one file alone is its content's."""
+        """Digest of map, cells, bodies, and difference; that of one part alone is the part's own."""
         parts = [each.digest for each in (self.map, self.cells) if each is not None]
         if self.bodies is not None:
             shown = [repr((body.shape, body.pose, body.bottom_m, body.top_m)) for body in self.bodies]

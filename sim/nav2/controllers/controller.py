@@ -23,7 +23,7 @@ class ControllerInput(NamedTuple):
         window: The local costmap: 254 is lethal, 253 closer than the inscribed radius to that, 255 unknown; `cost_at` looks a
             point up.
         outline: (V, 2) float64, the padded footprint in the robot's frame; `outline_hits` puts it on the costmap.
-        inscribed_radius_m: Of the footprint.
+        inscribed_radius_m: Inscribed radius of the footprint.
         pose: (x, y, yaw) by odometry.
         twist: (v, ω) by odometry, m/s and rad/s.
         plan: (N, 3) float64, N >= 1, x, y, and yaw: the part of the path that `plan_cut` says. NavFn gives every pose but the
@@ -51,12 +51,12 @@ class Setting:
     """The settings that a controller can prepare its memory for.
 
     Attributes:
-        rows, columns, resolution_m: Of the local costmap.
+        rows, columns, resolution_m: Size and resolution of the local costmap.
         xy_goal_tolerance_m, yaw_goal_tolerance_rad: The goal checker's.
         stream: (1,) uint64, the run's random numbers for the controller. Put it into the memory to draw from it by `uniform`,
             `normal_pair` and `integer_below` of `vastflow.sim.kernels.streams`.
         dt_s: Time between two cycles.
-        circumscribed_cost: What the local costmap's inflation makes of a cell as far from a lethal one as the outline's farthest
+        circumscribed_cost: Cost that the local costmap's inflation gives a cell as far from a lethal one as the outline's farthest
             vertex is from the robot's center: where the center costs less, the outline is free.
     """
 

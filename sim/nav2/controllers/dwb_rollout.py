@@ -130,7 +130,7 @@ def along(q: Any, setting: Any, target: Any, steps: int, sums: Any, end: Any, gr
 
     Args:
         target: The sample's speeds, ahead and to the left.
-        sums: Of the sample's headings, as `sum_headings` writes them.
+        sums: Sums of the sample's headings, as `sum_headings` writes them.
         end: (5,) of the sample, see `DwbMemory.ends`.
         ground: Costs of the window, the robot's outline, cells per meter.
     """

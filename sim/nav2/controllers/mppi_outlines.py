@@ -52,7 +52,7 @@ def judge_outlines(
     Args:
         given: `ControllerInput`.
         motion: The heading at the track's first point (rad), and the time between two (s).
-        weight, crash: As of `judge_cells`, which has judged the centers and left the numbers of their cells.
+        weight, crash: Weight and collision cost of `judge_cells`, which has judged the centers and left the numbers of their cells.
     """
     headed = False
     for lane in range(ROW):

@@ -185,7 +185,7 @@ def noise(cycle: int, spread_v: float, spread_w: float) -> NDArray[np.uint32]:
     word is that for v, whose lower half is noise all the same, and ω's is its lower half.
 
     Args:
-        cycle: How many words one control cycle uses.
+        cycle: Number of words that one control cycle uses.
         spread_v, spread_w: Standard deviations.
     """
     length = 1 << (CYCLES_OF_NOISE * cycle - 1).bit_length()

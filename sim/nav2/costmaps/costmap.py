@@ -230,7 +230,7 @@ def denoised(static: NDArray[np.uint8], q: DenoiseLayer) -> NDArray[np.uint8]:
 
 @inner
 def remove_small_groups(q: Any, lethal: Any, scratch: Any) -> None:
-    """Set to 0 the flags (R, C) uint8 that stand in groups of fewer than `minimal_group_size`; `scratch` is overwritten."""
+    """Clear flags (R, C) uint8 in groups of fewer than `minimal_group_size`; `scratch` is overwritten."""
     rows, columns = lethal.shape
     group = np.empty((max(q.minimal_group_size, 1), 2), dtype=np.int64)
     for row in range(rows):

@@ -36,9 +36,9 @@ class PreparedMap:
     """Read-only tables of one map; runs copy the parts that they change.
 
     Attributes:
-        occupancy: What the robot knows.
+        occupancy: Map that the robot knows; the walls where it has none.
         world: The walls as they stand.
-        skips: What the lidar casts against: the world's walls.
+        skips: Skip table of the world's walls, which the lidar casts against.
         cubed: AMCL's likelihood field.
         static: (H, W) uint8 of 0, 254, 255: the static layer.
         static_costs: (H, W) uint8 inflation of its lethal cells; the costs are that with its unknown cells.

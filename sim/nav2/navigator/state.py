@@ -137,7 +137,7 @@ MEMORY: Final = np.dtype(
     ],
     align=True,
 )
-"""What a run remembers, in one record: kernels get it as one pointer, which keeps them small and quick to compile.
+"""Memory of a run in one record: kernels get it as one pointer, which keeps them small and quick to compile.
 
 `velocities` (speed, yaw rate, speed to the left) is the tick's result for physics, `twists` what odometry reported in the last ticks, in a
 ring; an event row is t, kind, x, y, what, value; rows of `odometry`, in a ring of physics steps, are x, y, yaw, v, ω and vy as the wheels count;
@@ -153,7 +153,7 @@ class Grids(NamedTuple):
         quiet, lethal: The global obstacle layer after the Denoise layer, and its scratch; (1, 1) without one.
         layer: Global obstacle layer; `costs` the master costmap.
         keepout: The mask of the keepout filter; (0, 0) without one.
-        zones: Of the speed filter.
+        zones: Zones of the speed filter.
     """
 
     skips: Any
@@ -174,7 +174,7 @@ class Local(NamedTuple):
 
     Attributes:
         window: The master costmap, which the controller reads.
-        published: As it was published last, which behaviors read.
+        published: Master costmap as last published, which behaviors read.
         keepout: The mask of its keepout filter.
     """
 

@@ -60,7 +60,7 @@ def advance(
     """Run the stack (the fields of `Stack`) and the free motion of the robot's body, tick by tick.
 
     Args:
-        hold: What the engine has, see `vastflow.sim.world.motion`.
+        hold: State of the engine, see `vastflow.sim.world.motion`.
         until_tick: Ticks of the run after which to come back at the latest.
 
     Returns:

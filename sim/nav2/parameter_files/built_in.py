@@ -22,7 +22,7 @@ class BuiltIn:
         low, high: Range of numbers that mean the same, in place of `values`; beside `low` there may be `values`, too.
         includes: Names that a list must have, in place of `values`.
         prefixed: Whether text before one of the `values` makes no difference, as the robot's name before a frame.
-        why: What is done in place of any of these values, none of which has an effect; may be empty.
+        why: Behavior in place of any of these values, none of which has an effect; may be empty.
     """
 
     values: tuple[Value, ...] = ()

@@ -77,7 +77,7 @@ class _Listener(NamedTuple):
     """A parameter of a kind of group that names a topic.
 
     Attributes:
-        published: Those on which it would hear what it needs; the first is the default.
+        published: Topics on which it would hear what it needs; the first is the default.
         changes: Group of `NavParameters` to what it has where nothing is heard.
         consequence: That, in words.
     """

@@ -47,13 +47,13 @@ class ParameterDocument:
 
     Attributes:
         values: Path to text, number, flag, list or nothing.
-        places: Where a file has a path or a part of one; items of lists have their number for a name.
+        places: Place in a file of each path and of each part of one; items of lists have their number for a name.
         repeated: Paths that the file has more than once: of a parameter the last value counts, of a group all parameters.
         file: The file's name as the user gave it.
         robot: Namespace of the robot that counts.
         others: Nodes of other robots, which do not count, to their namespaces.
         controller: Name of the controller that a campaign chooses of the list, as if the behavior tree asked for it.
-        plug_ins: Those that it names as `file.py:Class`, to the copies that are loaded; the others are read when they are.
+        plug_ins: Plug-ins named as `file.py:Class`, to the copies that are loaded; the others are read when they are loaded.
     """
 
     values: Mapping[ParameterLocation, Value]

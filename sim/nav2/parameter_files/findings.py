@@ -26,8 +26,8 @@ class Finding:
     """Status of one parameter of a file.
 
     Attributes:
-        path: Where the file has it, `place` as line and column.
-        value: What the file says.
+        path: Path of the parameter in the file; `place` is its line and column.
+        value: Value in the file.
         status: `modeled`: it is used. `built in`: it says what is done anyway. `no effect`: it makes no difference to
             missions. `differs`: something else is done. `not modeled`: nothing is done.
         used: The value the simulator has, a range in words; None without one.
@@ -81,7 +81,7 @@ class Omitted(NamedTuple):
     """A parameter that a document leaves out, with another value in Nav2's code than elsewhere.
 
     Attributes:
-        declared: What Nav2's code has, and where.
+        declared: Declaration in Nav2's code: the default, and its place.
         other: Value of Nav2 Jazzy's file, or the one that is built in.
         is_used: Whether the simulator has Nav2's.
     """

@@ -58,7 +58,7 @@ class Plugins:
         foreign: Other classes of Nav2's, which are known and not modeled.
         defaults: Names to classes where a document has no list.
         used: The one that counts of several.
-        asked_for: How an action ends where the default behavior trees, which ask for `used` by its name, find no such; empty
+        asked_for: Words for how an action ends where the default behavior trees, which ask for `used` by its name, find no such; empty
             where they name none.
     """
 

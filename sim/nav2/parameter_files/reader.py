@@ -99,7 +99,7 @@ class Reader:
             elsewhere: Parameter to the path it has where that is not below `prefix`.
             given: Values that are not to be read.
             left_out: Values of Nav2 Jazzy's file, in place of the model's defaults; they count for what the code does not declare.
-            kinds: What the group is among `declared_defaults`; the first one with a parameter counts.
+            kinds: Kinds of the group in `declared_defaults`; the first one with a parameter counts.
         """
         values: dict[str, Any] = dict(given or {})
         paths: dict[str, ParameterLocation] = {}
@@ -168,7 +168,7 @@ class Reader:
 
         Args:
             foreign: Classes that are known and not modeled.
-            listed: Where a list has the plug-in's name.
+            listed: Path of the list item that names the plug-in.
         """
         known, noun, document = ", ".join(plug_ins.known), plug_ins.noun, self.document
         name = plug_in_name(self.plain(path, default))

@@ -77,7 +77,7 @@ class SpeedFilter(ParameterGroup):
     """A limit on the controller's speed, `base + multiplier · value` of the mask where the robot is.
 
     Attributes:
-        type: What the limit is: 1 a share of the controller's own in percent, 2 meters per second.
+        type: Unit of the limit: 1 a share of the controller's own in percent, 2 meters per second.
     """
 
     enabled: bool = derived(True)

@@ -169,8 +169,8 @@ class Perturbation(ParameterGroup):
     """Noise of the odometry and of the initial pose.
 
     Attributes:
-        odometry_noise_std_deviation: Of each step's distance and turn, as a share of them.
-        initial_pose_covariance_xx, initial_pose_covariance_yy, initial_pose_covariance_yaw: Of the initial pose (m², rad²).
+        odometry_noise_std_deviation: Standard deviation of each step's distance and turn, as a share of them.
+        initial_pose_covariance_xx, initial_pose_covariance_yy, initial_pose_covariance_yaw: Variances of the initial pose (m², rad²).
     """
 
     odometry_noise_std_deviation: float = parameter(0.0, 0.0, 10.0)
@@ -183,7 +183,7 @@ class SmootherParameters(ParameterGroup):
     """The smoother of a Smac planner: meters a pass, passes, and weights.
 
     Attributes:
-        w_data, w_smooth: How far a point goes in a pass toward where it was, and toward the middle of its neighbors.
+        w_data, w_smooth: Weights of a point's move in a pass: toward where it was, and toward the middle of its neighbors.
     """
 
     tolerance: float = parameter(1e-10, 0.0, 1.0, below=0.0)

@@ -29,7 +29,7 @@ class NavParameters(ParameterGroup):
     Attributes:
         controller: Parameters of the controller; a plug-in is its own, see
             `vastflow.sim.nav2.parameter_files.plug_ins`. So are `planner` and `lidar_noise`.
-        robot: Of the robot that the stack drives, which it is not told of; `latency` and `odometry` of its sensors and computers.
+        robot: Parameters of the robot, which the stack is not told of; `latency` and `odometry`: those of its sensors and computers.
     """
 
     robot: RobotParameters = RobotParameters()

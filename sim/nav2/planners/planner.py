@@ -48,7 +48,7 @@ class PlannerSetting:
         free_costs: The same with unknown cells taken for free: no cell will ever cost less.
         costmap: Parameters of the global costmap.
         legs: Greatest number of legs of a path.
-        prepared: What the planner's `prepare` returned.
+        prepared: Result of the planner's `prepare`.
     """
 
     costs: NDArray[np.uint8]

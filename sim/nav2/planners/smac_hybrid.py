@@ -308,7 +308,7 @@ def _expand(
     """Put the nodes that a node's primitives improve into the open set.
 
     Args:
-        nearest: What is least left to the goal, and the node, in a list.
+        nearest: Least cost left to the goal so far, and its node, in a list.
     """
     here = nodes.rows[node]
     heading = 2.0 * math.pi * here[HEADING] / q.bins

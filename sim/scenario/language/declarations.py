@@ -39,7 +39,7 @@ class Compound:
 
     Attributes:
         name: An actor's action has its actor before it: `robot.drive`.
-        bases: What it inherits from, the nearest first.
+        bases: Names of the declarations that it inherits from, the nearest first.
         origin: The library or file that declares it.
     """
 
@@ -60,7 +60,7 @@ class Declarations:
         physical: Physical type to the exponents of its base units.
         units: Unit to (physical type, factor, offset).
         actions: More than one where libraries declare the same name.
-        scenarios: As written; they are checked one by one.
+        scenarios: Scenarios as written; they are checked one by one.
         right_type: Suggests what to write in place of an unknown type, of those known.
     """
 

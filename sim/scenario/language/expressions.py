@@ -47,7 +47,7 @@ class Visible:
     """The names an expression may use.
 
     Attributes:
-        variables: Those of them that are `var`s.
+        variables: Names in `types` that are `var`s.
         faulty: Names whose declaration is at fault, so that nothing is said of their use.
     """
 
@@ -73,7 +73,7 @@ class ExpressionChecker:
 
     Attributes:
         of_library: Whether what only libraries may use is known.
-        names: Those that an expression may use where it stands.
+        names: Names that an expression may use where it stands.
     """
 
     def __init__(self, declared: Declarations, faults: list[Fault], *, of_library: bool = False) -> None:

@@ -21,8 +21,8 @@ class ParameterMismatch(ValueError):
     Attributes:
         scenario: Name of the scenario.
         parameter: Name of the parameter, with the members below it: `start.position.x`.
-        expected: What would be right.
-        given: What was given.
+        expected: Description of a valid value or name.
+        given: Description of what was given.
     """
 
     def __init__(self, scenario: str, parameter: str, expected: str, given: str) -> None:

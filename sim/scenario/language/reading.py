@@ -46,7 +46,7 @@ def read_text(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, .
 
     Args:
         file: Its name for messages.
-        folder: Where the files are that it imports.
+        folder: Folder to which the paths of its imports are relative.
 
     Raises:
         FileError: as for `read_scenarios`.

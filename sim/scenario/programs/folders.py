@@ -37,7 +37,7 @@ class RunFolders:
     Attributes:
         config: The run files as they were given.
         out: Another copy of them; programs work there, and what they write there is kept.
-        logs: What the programs print.
+        logs: Folder of the programs' logs.
     """
 
     config: Path

@@ -114,10 +114,10 @@ class ProcessGroup:
 
     Attributes:
         command: Program and arguments; no shell reads them.
-        label: What the scenario calls it.
-        pid: Of the program itself, and of its session and group.
+        label: Name that the scenario gives it; may be empty.
+        pid: ID of the program's process, and of its session and group.
         log: Its standard output and error.
-        failure: How the program ended in words, empty for exit code 0; None while it runs.
+        failure: Failure of the program in words, empty for exit code 0; None while it runs.
     """
 
     def __init__(

@@ -109,8 +109,8 @@ class ProcessRecord:
 
     Attributes:
         resources: Once a second of host time.
-        usage: Of all its processes. Those that lived less than a second, and those that nobody waited for, may be missing.
-        post_command: How it ended in words; empty where it exited with code 0 or there is none.
+        usage: Usage of all its processes. Those that lived less than a second, and those that nobody waited for, may be missing.
+        post_command: Failure of `post_command` in words; empty where it exited with code 0 or there is none.
     """
 
     outputs: Outputs
@@ -133,7 +133,7 @@ class ProcessRun:
 
     Attributes:
         folders: `folders.out` is where its programs work, and what they write is looked for.
-        environment: Of its programs.
+        environment: Environment variables of its programs.
     """
 
     def __init__(self, root: Path, setup: ProcessSetup, handed: Mapping[str, FileContent]) -> None:

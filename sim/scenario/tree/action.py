@@ -20,7 +20,7 @@ class ActionSituation:
 
     Attributes:
         actor: Members of the actor instance it is called on, evaluated, with its `name`; empty without one.
-        label: As written before the call, or empty.
+        label: Label as written before the call, or empty.
         clock: The scenario's.
         variables: Values of the run's `var`s by name, which actions may change.
         log: Takes a line for the run's log.
@@ -40,7 +40,7 @@ class Action(ABC):
 
     Attributes:
         goes_along: It runs until the scenario ends, whatever happens; nobody waits for it, and no timeout runs out for it.
-        message: What it is doing, or why it ended so; one line.
+        message: One line on what it is doing, or why it ended as it did.
         error_code: Nav2's code of the failure it ended with, else 0.
     """
 

@@ -122,8 +122,8 @@ def helper_functions(
 
     Args:
         rng: The run's own, for `random`.
-        scenario_folder: Of the scenario file, as programs know it; `os.abspath` is relative to it.
-        output_folder: Where the run writes, as programs know it.
+        scenario_folder: Folder of the scenario file, as programs know it; `os.abspath` is relative to it.
+        output_folder: Folder that the run writes to, as programs know it.
     """
     numbers = RandomNumbers(rng)
     drawn = (numbers.seed, numbers.get_float, numbers.get_int, numbers.get_random_string)

@@ -38,8 +38,8 @@ class Node(Behaviour):
     """A node of the tree of one run.
 
     Attributes:
-        place: Where it stands in the file.
-        state: What the run's nodes share.
+        place: Place of its text in the scenario file.
+        state: State that the run's nodes share.
     """
 
     place: Place
@@ -78,7 +78,7 @@ class Condition:
     """Condition of a `wait` or `until` in one run; its evaluation may raise `ScenarioError`.
 
     Attributes:
-        words: How it is written, in short.
+        words: Short text of the condition.
     """
 
     def __init__(self, awaited: Awaited, state: RunState) -> None:

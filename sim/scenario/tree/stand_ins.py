@@ -97,7 +97,7 @@ def stand_ins(others: Mapping[str, ActionFactory]) -> dict[str, ActionFactory]:
     """Return the actions with nothing left to do by their names in a file.
 
     Args:
-        others: What else the run can do: its immediate `check_process_running`, if any, looks for programs of its own.
+        others: Other actions of the run; an immediate `check_process_running` among them looks for programs of the run's own.
     """
     check = others.get("check_process_running")
     return {

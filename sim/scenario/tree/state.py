@@ -59,7 +59,7 @@ class RunState:
     Attributes:
         names: Value of every name that an expression may use.
         variables: The `var`s among them, which actions may change.
-        events: Those emitted so far; they stay so.
+        events: Events emitted so far; they stay emitted.
         moved: Something happened in the present tick beyond running leaves that go on running: a node began or
             ended, a variable or an event was set. Then the next tick may change something too.
         log: Takes a line for the run's log.

@@ -17,7 +17,7 @@ class Topic:
     """A topic of the simulated robot.
 
     Attributes:
-        type: Of its messages, as a scenario names it.
+        type: Type of its messages, as a scenario names it.
         rhythm: When a message comes: all the time, once before the run begins, with each update of AMCL, with each command of the
             controller, as long as there is a plan, or when a scenario publishes one.
         publishers: Nodes, without their slash; none where only a scenario publishes.
@@ -81,7 +81,7 @@ def topic_fault(name: str, type_: str = "") -> str:
     """Explain why a topic can't be listened to; empty if it can.
 
     Args:
-        type_: Of its messages, as a scenario has it; not looked at where it is empty.
+        type_: Type of its messages, as a scenario names it; not checked where it is empty.
     """
     topic = TOPICS.get(absolute(name))
     if topic is None:

@@ -40,9 +40,9 @@ class StatusChange(NamedTuple):
         behavior: Number of the node, from 0 for the root, parents before children, from left to right.
         parent: The parent's; -1 for the root.
         child_index: Which child of its parent it is, from 0.
-        class_name: What it does; of a call, the class of the action.
+        class_name: Name of the class of the node; of a call, that of the action.
         status: INVALID (not entered, or given up), RUNNING, SUCCESS or FAILURE.
-        message: What the node says of it; may be empty.
+        message: Message of the node on its status; may be empty.
         line, column: Its place in the file.
     """
 
@@ -112,7 +112,7 @@ class ScenarioTree:
         """Build the tree; no action is entered yet.
 
         Args:
-            values: Of the scenario's parameters, as `language.parameters.bound` gives them.
+            values: Values of the scenario's parameters, as `language.parameters.bound` gives them.
             actions: By qualified name.
             functions: External functions by library struct and name (`random.get_int`).
             period_s: Between two ticks; whole microseconds.
