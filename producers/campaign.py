@@ -146,7 +146,7 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
     abstract, abstract_faults = abstract_scenario_of(document, path.parent)
     programs, program_notes, program_faults = programs_of(document, path.parent, spec.execution, abstract or FROM_GOAL)
     faults += [*abstract_faults, *program_faults]
-    system_file = _system_file(document, path.parent)
+    system_file = system_file_of(document, path.parent)
     maps = MapSearch(path.parent, map_dir and map_dir.resolve())
     reader = FamilyReader(document, path.parent, abstract, system_file.values, maps, spec.execution.max_configurations)
     families = [family for family in _families(document, reader) if family.name not in reader.unavailable]
@@ -199,7 +199,8 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
     )
 
 
-def _system_file(document: Document, base: Path) -> SystemFile:
+def system_file_of(document: Document, base: Path) -> SystemFile:
+    """Read the parameter file of a campaign file, which is relative to `base`."""
     release, where = document.value(("execution", RELEASE_KEY)), ("execution", FILE_KEY)
     if not isinstance(name := document.value(where), str):
         said = document.fault(("execution", RELEASE_KEY), "there is a release without a file", f"add {FILE_KEY}")

@@ -9,8 +9,8 @@ from vastflow.flows.results.provenance import (
     default_changes,
     origin_differences,
 )
+from vastflow.producers.campaign import system_file_of
 from vastflow.producers.campaign_file.document import read_document
-from vastflow.producers.campaign_file.system_file import system_file_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 
 SHIM = "nav2_rotation_shim_controller::RotationShimController"

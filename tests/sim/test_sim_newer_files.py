@@ -6,8 +6,8 @@ from operator import attrgetter
 import pytest
 from table import each_row
 
+from vastflow.producers.campaign import system_file_of
 from vastflow.producers.campaign_file.document import read_document as read_campaign
-from vastflow.producers.campaign_file.system_file import system_file_of
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import parse

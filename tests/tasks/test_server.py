@@ -169,8 +169,8 @@ class Deaf:
 
 def test_events_of_a_broken_connection_are_awaited_until_they_are_sent_again(tmp_path, prefect_home, monkeypatch):
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
-    monkeypatch.setattr(server_module, "QUIET", 3)
-    interval = property(lambda self: 4.0, lambda self, given_s: None)
+    monkeypatch.setattr(server_module, "QUIET", 6)
+    interval = property(lambda self: 9.0, lambda self, given_s: None)
     monkeypatch.setattr(PrefectEventsClient, "_checkpoint_interval", interval, raising=False)
     shake, deaf = PrefectEventsClient._auth_handshake, Deaf()
 
