@@ -59,15 +59,15 @@ class Campaign:
     Attributes:
         path: The file itself, absolute and without links: how it was named reaches nothing but messages.
         abstract: `builtin:…`, a scenario file, or empty where each family's mission follows from its goal.
-        programs: What the programs of a run are given; None where the scenario starts none.
+        programs: Setup of a run's programs; None where the scenario starts none.
         runs: Repetitions of each configuration, at most.
         sequential: When they end before; None where each configuration has all of them.
         notes: Warnings, and keys that are not executed by this version; then what of the Nav2 parameter file is not
             modeled.
         nav2_defaults: What the Nav2 parameter file leaves out, see `defaults_row` of `findings`; None without a file.
-        unavailable: What is missing of each family that lacks files or goals; it is not among the families.
+        unavailable: Faults of each family that lacks files or goals; it is not among `families`.
         unexecutable: Why this version can't run the campaign; empty where it can.
-        search: What proposes points, in place of families; `families` are then its template at corners of the space. None where
+        search: Search that proposes points, in place of families; `families` are then its template at corners of the space. None where
             the file has families, or can't be run.
         borrowed_maps: Path of each map that is not beside the file, to the name that the file has for it.
     """
@@ -99,7 +99,7 @@ class Campaign:
         """Runs of each configuration: `runs`, or the file's where that is None.
 
         Args:
-            sample: How many configurations are run at most, where not all are.
+            sample: Greatest number of configurations that are run, where not all are.
 
         Raises:
             FileError: these are more than the file permits.

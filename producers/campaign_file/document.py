@@ -30,10 +30,10 @@ class Document:
     Attributes:
         file: The file's name as the user gave it.
         data: Mappings with text keys, lists, text, whole numbers of 64 bits, finite floats, booleans, None.
-        keys, values: Where they stand.
-        faults: What was found and could be stepped over: duplicate keys, values that can't be read.
+        keys, values: Place of each key, and of each value.
+        faults: Faults that could be stepped over: duplicate keys, values that can't be read.
         notes: Values that YAML 1.1 reads otherwise than one would think.
-        text: What the file holds.
+        text: Content of the file.
     """
 
     file: str

@@ -35,8 +35,8 @@ class AbstractScenario:
     """An abstract scenario and its requirements.
 
     Attributes:
-        name: As the campaign file has it; empty where the mission follows from the goal.
-        content: What a `Scenario` gets; empty as the name.
+        name: Name in the campaign file; empty where the mission follows from the goal.
+        content: Scenario file or built-in name as a `Scenario` gets it; empty where the name is.
         definition: None where there are several, one for each kind of goal.
     """
 

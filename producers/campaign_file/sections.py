@@ -259,13 +259,13 @@ class OdometrySpec(Section):
     """Drift of odometry's pose: standard deviations, which grow with the square root of what is driven and turned."""
 
     translation_std_per_meter: Quantity = None
-    """Of the distance after 1 m (m); after 16 m it is four times as much."""
+    """Standard deviation of the distance after 1 m (m); four times as much after 16 m."""
     translation_std_per_radian: Quantity = None
-    """Of the distance after a turn of 1 rad (m)."""
+    """Standard deviation of the distance after a turn of 1 rad (m)."""
     rotation_std_per_meter: Quantity = None
-    """Of the yaw after 1 m (rad)."""
+    """Standard deviation of the yaw after 1 m (rad)."""
     rotation_std_per_radian: Quantity = None
-    """Of the yaw after a turn of 1 rad (rad)."""
+    """Standard deviation of the yaw after a turn of 1 rad (rad)."""
 
 
 class RobotSpec(Section):

@@ -56,9 +56,9 @@ class ExpressionName:
     """A name in an expression.
 
     Attributes:
-        text: As it is written, without backticks.
-        offset: Where it stands first.
-        readings: What it can mean, the longest key first: a key of the configuration, and what follows inside of
+        text: Text of the name as it is written, without backticks.
+        offset: Offset of its first occurrence.
+        readings: Possible meanings, the longest key first: a key of the configuration, and what follows inside of
             its value. `goal_pose.x` is the key `goal_pose.x` or `x` of `goal_pose`.
     """
 

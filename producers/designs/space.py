@@ -71,7 +71,7 @@ class DesignSpace:
     """A space that grows by producers: evaluate each on `inputs`, then `join` the results.
 
     Attributes:
-        rejections, excluded: What can't be built and what constraints exclude, each partial combination once.
+        rejections, excluded: Combinations that can't be built, and those that constraints exclude, each partial one once.
     """
 
     def __init__(

@@ -55,7 +55,7 @@ class Wall:
     Attributes:
         name: `<space>-wall-<number>`.
         outline: Outer start, outer end, inner end, inner start.
-        length_m: Of its inner face.
+        length_m: Length of its inner face.
         frame: Origin in the middle of its inner face, x along it, y into the wall.
     """
 
@@ -85,7 +85,7 @@ class Hole:
         walls: The names of those it cuts; nothing else is cut.
         shape: (x, z) in `frame`, that of the first wall: x along it from its middle, z up from the floor. It goes
             `depth_m` deep into that wall's +y.
-        outline: Of all it takes away, seen from above.
+        outline: Outline of all it takes away, seen from above.
         bottom_m, top_m: Lowest and highest point of the shape; a bottom below the floor is as good as 0.
     """
 
@@ -127,7 +127,7 @@ class Building:
 
     Attributes:
         file: The plan's name for messages.
-        notes: What its author should know of it.
+        notes: Notes for the plan's author.
     """
 
     name: str

@@ -72,8 +72,8 @@ def keep_environment(
     a library makes of it.
 
     Args:
-        text: Of the plan.
-        provenance: Where it came from; in no digest.
+        text: Text of the plan.
+        provenance: Content of `provenance.json`, which is in no digest.
     """
     from vastflow.producers.floorplan.mesh import mesh_of, stl  # scipy takes a fifth of a second
 

@@ -32,8 +32,8 @@ class PlanSpace:
     """A room: its floor, and a wall along each edge.
 
     Attributes:
-        outline: Of the floor, in the space's frame.
-        thickness_m: Of its walls, measured from the floor's edge to the left of the direction of travel, which is
+        outline: Outline of the floor, in the space's frame.
+        thickness_m: Thickness of its walls, measured from the floor's edge to the left of the direction of travel, which is
             outwards where the corners are listed clockwise.
         wrt: The frame it is placed in.
         of_wall: The wall of its own that `offset` places; None where it places the space's frame.

@@ -205,8 +205,8 @@ def render(building: Building, text: str, source: str, resolution_m: float, lase
     """Place in the folder to content: map, mesh, picture, plan and provenance; raises as `grid_of` does.
 
     Args:
-        text: Of the plan.
-        source: Where it was read from.
+        text: Text of the plan.
+        source: File that the plan was read from.
     """
     name = building.name
     grid = grid_of(building, resolution_m, laser_height_m)

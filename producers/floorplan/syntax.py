@@ -150,7 +150,7 @@ class Part:
     Attributes:
         token: The name of a section or variable, the keyword of anything else.
         key: The keyword without the sign behind it, such as `Space`, `walls`, or `not aligned`.
-        value: What follows: a `Quantity`, a `FrameText`, a part, or a tuple of such; corners of a polygon as tuples of
+        value: Value after the keyword: a `Quantity`, a `FrameText`, a part, or a tuple of such; corners of a polygon as tuples of
             quantities.
     """
 

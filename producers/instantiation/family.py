@@ -69,7 +69,7 @@ class FamilyReader:
 
     Attributes:
         faults: Everything wrong, but for that.
-        unavailable: What is missing of each family that lacks nothing but files or goals.
+        unavailable: Faults of each family that lacks nothing but files or goals.
     """
 
     def __init__(
@@ -88,8 +88,8 @@ class FamilyReader:
         Args:
             abstract: The abstract scenario of every family; None where it could not be read.
             system: Values of the system dimension that every family has.
-            maps: Where maps are; else below `base`.
-            max_configurations: Of each family.
+            maps: Search for maps; None to look below `base`.
+            max_configurations: Greatest number of configurations of each family.
             refuse_empty: Whether constraints that leave nothing of a family are a fault.
         """
         self.faults: list[Fault] = []

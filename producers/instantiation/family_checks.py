@@ -149,7 +149,7 @@ def constraint_faults(family: Family, *, refuse_empty: bool = True) -> list[Faul
 
 
 def _first(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragment | Rejection]:
-    """Return what `evaluate` gives; raises `TooLarge` where that is more than is looked at."""
+    """Return what a producer yields; raises `TooLarge` for more than `MOST_LOOKED_AT` items."""
     items = list(itertools.islice(producer.produce(inputs, draws_of(producer, inputs)), MOST_LOOKED_AT + 1))
     if len(items) > MOST_LOOKED_AT:
         raise TooLarge(type(producer).__name__)

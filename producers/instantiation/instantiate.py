@@ -48,8 +48,8 @@ class Family:
         producers: Π, in order.
         constraints: φ.
         design: Which combinations of the producers' choices become configurations.
-        place: Where the design stands, for messages.
-        max_configurations: How many there may be.
+        place: Place of the design, for messages.
+        max_configurations: Greatest number of configurations.
         overrides: Values that take the place of those of every configuration.
         start_check: Whether the robot's own footprint must fit where they begin and end.
     """
@@ -102,9 +102,9 @@ class Instantiation:
     """All of a campaign's configurations, duplicates included.
 
     Attributes:
-        excluded: What constraints exclude; a partial configuration once, though more producers would have followed.
-        coverage: How much of the requested test space was realized, see `vastflow.producers.instantiation.coverage.coverage_of`.
-        sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
+        excluded: Configurations that constraints exclude; a partial one once, though more producers would have followed.
+        coverage: Coverage of the requested test space, see `vastflow.producers.instantiation.coverage.coverage_of`.
+        sampled_from: Number of distinct configurations that the sample is drawn from; None without a sample.
     """
 
     configurations: tuple[Configuration, ...]

@@ -36,7 +36,7 @@ class Circumstance:
     """One thing about a scenario that its failure may need.
 
     Attributes:
-        key: Of the scenario's values.
+        key: Key among the scenario's values.
         item: Place in the list, or name in the mapping that stands there; None for the value as a whole.
         default: The number toward which its levels go; None where it has none. For a path it is a length of 0.
     """

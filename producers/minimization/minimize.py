@@ -73,7 +73,7 @@ class Minimum:
     Attributes:
         without: For each circumstance that is kept, what becomes of the scenario without it.
         tried: Every candidate in the order of the questions, with its outcome.
-        confirmation: Of runs that no question used.
+        confirmation: Outcome of runs that no question used.
     """
 
     candidate: Candidate

@@ -30,7 +30,7 @@ class Rejection:
     """An instance a producer can't build: data, not an error.
 
     Attributes:
-        reason: What was asked, what was found, in one sentence.
+        reason: One sentence on what was asked and what was found.
         requested: The choices that can't be met, such as `{"path_length": 200.0, "path": 3}`.
     """
 
@@ -121,9 +121,9 @@ class ExcludedInstance:
     """A configuration, often a partial one, that a constraint excludes.
 
     Attributes:
-        name: Of the (partial) configuration; `*` stands for a step whose choice does not matter.
+        name: Name of the (partial) configuration; `*` stands for a step whose choice does not matter.
         constraint: The first one that it breaks.
-        values: What the constraint looked at, by name.
+        values: Values that the constraint looked at, by name.
     """
 
     family: str

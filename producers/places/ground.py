@@ -82,7 +82,7 @@ class Ground:
     """The cells of a map on which a robot's center may be.
 
     Attributes:
-        room_m: How far from walls its center is wherever it begins or ends.
+        room_m: Least distance of its center from walls wherever it begins or ends.
         radius_cells: The robot's radius, rounded up to whole cells.
         passable: (H, W), True where the robot fits.
         stops: (H, W), True where it may begin or end: where it fits and has that room.
@@ -122,7 +122,7 @@ def ground_of(file: FileContent, robot_diameter_m: float, room_m: float = 0.0) -
     """Return the ground of a robot on a map, or in a world without one; kept, as it is costly.
 
     Args:
-        room_m: How far from the nearest wall its center must be to begin or end there.
+        room_m: Least distance of its center from the nearest wall to begin or end there.
 
     Raises:
         WorldError: the file can't be read any more, or holds something else than when the campaign was read.

@@ -94,7 +94,7 @@ class Site:
         length_m: Octile length of the whole path.
         stops_xy_m: Start and goals, which stay clear and connected.
         standing: Obstacles that are there already.
-        from_start_m: How far from the start a center must be, at least.
+        from_start_m: Least distance of a center from the start.
     """
 
     ground: Ground

@@ -43,7 +43,7 @@ class StartCheck:
     """
 
     def __init__(self, family: str, overrides: Mapping[str, Value]) -> None:
-        """Check the family's configurations with the values that take the place of theirs."""
+        """Prepare to check a family's configurations, whose values `overrides` replace."""
         self._family = family
         self._overrides = overrides
         self._outlines: dict[str, NDArray[np.float64] | None] = {}

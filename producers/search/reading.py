@@ -107,7 +107,7 @@ class _Reading:
         return complaint is None
 
     def is_left_out(self, k: int, name: str) -> bool:
-        """Whether a producer of the template is one of a file that is no producer of ours; that is said."""
+        """True if a template's producer names a file without a producer of vastflow's; records the fault."""
         where: Location = (*SEARCH, "variations", k, name)
         if ".py:" not in name:
             return False

@@ -26,7 +26,7 @@ class Proposal:
     """A point that a strategy wants to know of.
 
     Attributes:
-        number: Of all that were proposed, from 1; one of the baseline has that of the point beside which it is drawn.
+        number: Number among all proposals, from 1; one of the baseline has that of the point beside which it is drawn.
         batch: From 0.
         family: `FAMILY`, or `BASELINE` where it is a point of the search beside.
     """
