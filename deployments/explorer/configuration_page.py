@@ -32,7 +32,7 @@ from vastflow.sim.model.recording import Event, run_of
 TIME: Final = "t_s"
 DISTANCE: Final = "distance_m"
 MOST_SAMPLES: Final = 600
-"""Of a run in a signal's plot; more are thinned evenly."""
+"""Maximum number of samples of a run in a signal's plot; more are thinned evenly."""
 _NO_SIGNALS: Final = (TIME, "x_m", "y_m", "estimated_x_m", "estimated_y_m", "localized", "stopped")
 _FIRST: Final = ("static_clearance_m", "wall_clearance_m", "localization_error_m", "speed_mps", "deviation_m")
 """Signals in the order in which one is shown at first."""

@@ -41,11 +41,11 @@ class CampaignDirectory:
 
     Attributes:
         id: Text for addresses. It stays the same when a running campaign ends.
-        path: Where it is now. A running campaign's folder is hidden, and renamed when the campaign ends.
+        path: Current place. A running campaign's folder is hidden, and renamed when the campaign ends.
         name: Name of the campaign, which several directories share.
         created: Local time in ISO 8601; empty where nothing tells it.
         metadata: Content of `metadata.json`; empty while there is none.
-        problem: What is wrong with a damaged directory, or why a campaign stopped; may be empty.
+        problem: Damage of the directory, or the reason that a campaign stopped; may be empty.
         progress: Numbers of an unfinished campaign's last event of progress; empty without one.
     """
 

@@ -22,7 +22,7 @@ class FileChange:
 
     Attributes:
         previous: The earlier campaign.
-        lines: Of the unified difference, with a few equal ones around.
+        lines: Lines of the unified difference, with a few equal ones around.
         left_out: Number of lines that are not among them.
         others: Sentences on what changed outside the file, such as versions and code.
         compared: False for a file that can't be read or is too long; then `others` says so.

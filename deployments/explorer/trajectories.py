@@ -181,8 +181,8 @@ class Reading(threading.Thread):
     """The paths of an environment, read in the background.
 
     Attributes:
-        configurations: Those of the environment, shuffled, so that a part of them shows the whole.
-        paths: What was read so far.
+        configurations: Configurations of the environment, shuffled, so that a part of them shows the whole.
+        paths: Paths read so far; None before the first ones.
         problem: Why nothing can be read; empty where it can.
         done, damaged: Numbers of configurations.
     """

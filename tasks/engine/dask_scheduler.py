@@ -23,7 +23,7 @@ class OwnScheduler:
         log: File that takes what they print.
 
     Attributes:
-        security: What a client of it needs; None before it is started.
+        security: Security settings that a client needs; None before the first start.
     """
 
     def __init__(self, workers: int, log: Path | None) -> None:

@@ -95,7 +95,7 @@ class Engine:
     """Computes a campaign's artifacts that the store lacks, stage by stage.
 
     Args:
-        oracles: Those that judge.
+        oracles: Oracles that judge the runs.
         stopping: None where the number of runs of a configuration is fixed.
         whole_units: Whether a unit of runs is observed and judged where it was executed: verdicts are known unit by unit, and the later
             stages find them in the store. Else it is executed only.

@@ -122,7 +122,7 @@ def few_collections() -> Iterator[None]:
 
 
 _M_TRIM_THRESHOLD: Final = -1
-"""Of glibc's malloc.h."""
+"""`M_TRIM_THRESHOLD` of glibc's malloc.h."""
 
 
 def return_freed_memory() -> None:

@@ -48,7 +48,7 @@ def register_flow(client: SyncPrefectClient, entry: Mapping[str, Any], flow: Flo
     """Create or update a deployment of a flow, and return its id.
 
     Args:
-        entry: As `prefect.yaml` has it.
+        entry: The deployment in the form of `prefect.yaml`.
     """
     alike = ("name", "version", "description", "tags", "entrypoint", "parameters", "enforce_parameter_schema")
     limit, pool = entry["concurrency_limit"], entry["work_pool"]

@@ -57,7 +57,7 @@ class FolderFiles:
             return None
 
     def everything(self) -> None:
-        """Nothing: a look costs microseconds."""
+        """Return None, since a single look costs microseconds."""
 
     def names(self, key: str) -> list[str]:
         try:
