@@ -248,7 +248,7 @@ class Compared:
         whole: The difference over all pairs; `oracles` has it by oracle, `levels` by levels of the candidate's factors.
         changes: Configurations with changed outcomes, the most certain first.
         differences: Parameters that differ between paired configurations; `campaign_differences` are sentences on the rest.
-        headlines: Of the baseline and of the candidate, each of all its runs.
+        headlines: Headlines of the baseline and of the candidate, each of all its runs.
     """
 
     before: Tables = field(repr=False)

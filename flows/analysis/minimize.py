@@ -86,7 +86,7 @@ class Trials:
     """Judges the candidates of a minimization.
 
     Attributes:
-        runs: How many a candidate wants; the confirmed one gets more, with indices that no trial used.
+        runs: Number of runs that a candidate needs; the confirmed one gets more, with indices that no trial used.
         compute: None to look into the store alone.
         configurations, used: Each built candidate in order, and how many runs its trial and confirmation took.
     """

@@ -40,7 +40,7 @@ class ExportedCampaign:
     """A finished campaign, or those of its configurations that are to be exported.
 
     Attributes:
-        headline: What came out, in a sentence; empty if configurations were chosen.
+        headline: Result of the campaign in a sentence; empty if configurations were chosen.
         files: The campaign file and all that it names, by their places in its folder.
     """
 

@@ -51,7 +51,7 @@ class ExportedRun:
         log, host: Its run log, if any, with host and versions.
         recorded: Columns of its recording, in thousandths; empty without a robot.
         behaviors: Its `behaviors` table, may be empty.
-        outputs: What its programs wrote, by its place; tables are CSV, or Parquet if the run has another file of that name.
+        outputs: Files that its programs wrote, by their places; tables are CSV, or Parquet if the run has another file of that name.
     """
 
     campaign: str

@@ -100,15 +100,15 @@ class Plan:
     """The plan of a run.
 
     Attributes:
-        runs: Of each configuration; the maximum where `least` is given.
+        runs: Number of runs of each configuration; the maximum where `least` is given.
         least: Minimum number of runs where they end when a configuration's class is decided; what is due of an undecided one is
             then an upper bound.
         past: The earlier campaign that reasons are told from.
         configurations: The selected ones with their provenance, duplicates included.
-        coverage: Of the whole campaign: requested, excluded, rejected with reasons, and realized instances.
+        coverage: Coverage of the whole campaign: requested, excluded, rejected with reasons, and realized instances.
         sampled_from: Number of distinct configurations that the sample is drawn from; None without a sample.
-        steps: What a run finds in the store, and what it computes.
-        estimate: Of the runs that are due.
+        steps: Steps that a run finds in the store, and those that it computes.
+        estimate: Estimate for the runs that are due.
         faults: Producers that raised, as they would in a run, and families that lack a file.
         unexecutable: Why this version can't run the campaign; then nothing is due but evaluations.
     """

@@ -167,7 +167,7 @@ class Asked:
     """The request of a finished campaign.
 
     Attributes:
-        runs: Of each configuration, at most where they end by a rule.
+        runs: Number of runs of each configuration; the maximum where they end by a rule.
         places: File from outside of the campaign file's folder, relative to that, to its place below `inputs/`.
         only, sample: See `RunRequest`.
         sequential: Whether they end by the file's rule.

@@ -71,7 +71,7 @@ def cleaning(
     """Choose the unreferenced artifacts and environments that are old enough to delete.
 
     Args:
-        referred: What stays; None if age alone decides.
+        referred: Keys of the artifacts to keep; None if age alone decides.
         older_than_s: Age from which something goes; below a day it counts as a day, for a campaign may be writing it.
         now_s: The time (s since 1970), the clock's if not given.
     """

@@ -40,8 +40,8 @@ def report_key(
     """Digest of all that the campaign directory of a campaign without faults follows from, known before anything is computed.
 
     Args:
-        metadata: What `metadata.json` says before the runs, ingredients included.
-        oracles: Those that judge, in order. The report has their docstrings, which are in no digest of their code.
+        metadata: Content of `metadata.json` before the runs, ingredients included.
+        oracles: Oracles that judge, in order. The report has their docstrings, which are in no digest of their code.
         place: The store's: another one is to be filled.
     """
     hashed = hashlib.sha256()

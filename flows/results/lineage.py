@@ -29,7 +29,7 @@ class LineageStep:
 
     Attributes:
         step: `judge`, `observe`, `execute`, `scenario`, `instantiate`, or `campaign`.
-        key: Of its artifact; of a scenario and of the campaign file the digest. None where it is not known, as it follows from an
+        key: Key of its artifact; for a scenario or the campaign file its digest. None where it is not known, as it follows from an
             artifact that the store lacks, or the directory does not say it.
         is_stored: Whether the store has the artifact; None for a step without one, or without a known key.
         facts: JSON values.

@@ -109,7 +109,7 @@ def origin_differences(
 
     Args:
         numeric, execute_source: Numeric class of this process, and source digest of the simulator as it is installed here.
-        system: Of the recorded scenario.
+        system: System of the recorded scenario.
     """
     defaults = system_of(system).defaults
     found = default_changes(metadata, {} if defaults is None else {DEFAULTS_KEY: defaults})
@@ -188,8 +188,8 @@ class DueReason:
     """Why something is computed.
 
     Attributes:
-        what: In a few words that are the same for much of a campaign.
-        detail: What is special about this one; may be empty.
+        what: The reason in a few words that are the same for much of a campaign.
+        detail: Details of this single case; may be empty.
     """
 
     kind: ReasonKind

@@ -59,8 +59,8 @@ class Reasons:
 
     Args:
         past: The campaign before, if there is one.
-        today: What `metadata.json` would say of the ingredients now.
-        forced: What is computed again although the store had it.
+        today: Current ingredients, as `metadata.json` would record them.
+        forced: Work to repeat although the store has its results.
 
     Attributes:
         configurations: All of today, by name; set when they are known.
@@ -286,8 +286,8 @@ class Why:
 
     Attributes:
         subjects: Configurations, or at `instantiate` producers, in order.
-        detail: Of the first of them.
-        alike: Whether it is that of all.
+        detail: Detail of the first subject's reason.
+        alike: Whether all subjects have this detail.
     """
 
     stage: Stage

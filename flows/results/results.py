@@ -72,14 +72,14 @@ def write_results(
 
     Args:
         inputs: The campaign's files as they were when it was loaded.
-        instantiation: What is in the directory, that is, after `only` has been applied.
+        instantiation: The instantiation in the directory, that is, after `only` has been applied.
         found: Reads the artifacts of a configuration that is no duplicate, in one of `threads` threads.
         oracles: Names of the requested oracles, `success` first. A run without a verdict of one of them
             gets `not judged` with the fault as the reason.
-        keys: Of the artifacts that `found` reads; name the code and the numeric class they follow from.
-        record: What more `metadata.json` says, from the beginning on: what was asked, and the code in detail.
-        faults: Those of no single configuration.
-        work: What the call has done so far.
+        keys: Keys of the artifacts that `found` reads; they name the code and the numeric class of these.
+        record: Further entries of `metadata.json`, from the beginning on: the request, and the code in detail.
+        faults: Faults that concern no single configuration.
+        work: Returns the work of the call so far.
         report: Writes evidence, figures and report into the directory it is given, and returns its headline as JSON, if any. What it raises
             is a fault of the campaign, but no reason to lose the tables.
         kept: Rows of earlier calls, and where new ones are kept; None to make all.

@@ -275,7 +275,7 @@ class KeptRows:
     """Rows in the store, by all that they follow from.
 
     Attributes:
-        keys: Those asked for, in order; None if a part has none.
+        keys: Keys that were asked for, in order; None if a part has none.
     """
 
     def __init__(self, store: Store, oracles: Sequence[str]) -> None:

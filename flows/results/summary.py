@@ -48,7 +48,7 @@ class Summary:
         excluded: Instances that constraints exclude.
         excluded_by: Family to how many instances each constraint excludes.
         stood_still: Failed runs whose robot was sent and never moved.
-        sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
+        sampled_from: Number of distinct configurations that the sample is drawn from; None without a sample.
         headline: See `vastflow.oracles.evidence.headline.Headline.as_json`; empty without a report.
     """
 
@@ -87,8 +87,8 @@ class Results:
     """A campaign directory that has been written.
 
     Attributes:
-        faults: What broke; without any, every run was judged as far as the oracles could.
-        notes: What a user should know of the campaign's files, line by line as `terminal_lines` has it; `metadata.json`
+        faults: Faults of the campaign; without any, every run was judged as far as the oracles could.
+        notes: Notes on the campaign's files for the user, line by line as `terminal_lines` gives them; `metadata.json`
             has all.
     """
 

@@ -88,7 +88,7 @@ class RunTables:
 
     Attributes:
         stood_still: Number of failed runs whose robot was sent and never moved.
-        faults: Of the added configurations.
+        faults: Faults of the added configurations.
     """
 
     def __init__(self, place: Path) -> None:

@@ -37,7 +37,7 @@ _CAMPAIGN: Final = "campaign.vast"
 _ROWS: Final = "configurations.parquet"
 _INPUTS: Final = "inputs"
 _EXECUTED: Final = (_CAMPAIGN, "metadata.json", _ROWS, _INPUTS, "environments")
-"""What an execution reads beside recordings."""
+"""Files and folders of a campaign directory that an execution reads beside recordings."""
 _DATA: Final = frozenset(
     {
         *(".yaml", ".yml", ".pgm", ".png", ".bmp", ".json", ".csv", ".osc", ".vast"),
@@ -55,7 +55,7 @@ class ForeignCode:
 
     Attributes:
         named: Plug-ins, notebooks, scripts, and programs; empty where the directory has nothing but data.
-        digest: Of everything that decides what is executed.
+        digest: Digest of everything that decides what is executed.
         contents: SHA-256 of the campaign file and each file in `inputs/`, and the digests that its scenarios have.
     """
 

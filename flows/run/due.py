@@ -27,7 +27,7 @@ class DueWork:
 
     Attributes:
         folder: Has the directory of the campaign before, if there is one; it is read when something is due.
-        today: What `metadata.json` says of the ingredients now.
+        today: Current ingredients, as `metadata.json` records them.
     """
 
     name: str

@@ -42,7 +42,7 @@ class FlowCall:
     """One call of a flow; an embedded API starts with the object and ends with `run`.
 
     Args:
-        engine: What the flow computes with; an interrupt ends it.
+        engine: Engine that the flow computes with; an interrupt ends it.
         log: File for all that would be said on the terminal otherwise.
     """
 

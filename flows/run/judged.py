@@ -74,7 +74,7 @@ def run_batches(
     """Complete the campaign, a search batch by batch; stop at an incomplete batch.
 
     Args:
-        judged: Of the campaign or the batch under way, what is known.
+        judged: Known runs of the campaign, or of the batch under way.
 
     Raises:
         Lost: verdicts are damaged.

@@ -36,7 +36,7 @@ class Processed:
 
     Attributes:
         outcome: `failed` is a fault of the step, never one of a run.
-        message: What it says of itself, or why it failed.
+        message: Message of the step, or the reason that it failed.
         files: Place below the results' copy to the digest of each file that it wrote.
     """
 

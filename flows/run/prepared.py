@@ -35,13 +35,13 @@ class PreparedCampaign:
     """A campaign that is ready to run.
 
     Attributes:
-        record: What `metadata.json` says beside what every campaign directory has.
-        delivery: Where the campaign directory is made, and where it is to be.
+        record: Entries of `metadata.json` beside those of every campaign directory.
+        delivery: Folder that the campaign directory is made in, and its destination.
         search: The search that proposes configurations; None where the file lists them.
         stopping: Says how many runs a configuration wants; None where that is fixed.
-        forced: What the call computes again although the store had it.
-        due: What the call computes, and why.
-        work: What the call has done so far.
+        forced: Work to repeat although the store has its results.
+        due: Work of the call, with reasons for what it computes.
+        work: Returns the work of the call so far.
     """
 
     request: RunRequest

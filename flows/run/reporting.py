@@ -40,7 +40,7 @@ def write_campaign(run: PreparedCampaign, computing: Computing, judged: Judged, 
     """Write the campaign directory of judged runs, and bring it where it belongs.
 
     Args:
-        log: Of the directory that the campaign began with.
+        log: Event log of the directory that the campaign began with.
 
     Raises:
         Lost: an artifact is damaged or gone; it is computed again where it is asked for again.

@@ -48,7 +48,7 @@ def instantiate(
 
     Args:
         path: The campaign file.
-        store: As `run_campaign` has it; the stages after this one use the same.
+        store: The store, as for `run_campaign`; the stages after this one use the same.
         workers: Worker processes, else one a core.
 
     Raises:
@@ -91,7 +91,7 @@ def execute(
     in a campaign: the rule asks for verdicts, so the runs are observed and judged as well, by the file's oracles.
 
     Args:
-        runs: Of each configuration, instead of the file's; no rule ends them.
+        runs: Number of runs of each configuration, instead of the file's; no rule ends them.
         only: Names of families or configurations; nothing else is executed.
         workers: Worker processes, else one a core.
         observer: Is shown the progress, from one thread.
@@ -115,7 +115,7 @@ def execute(
 
 
 def _by_rule(before: StageResult, stopping: Stopping, workers: int | None, observer: Observer | None) -> Recordings:
-    """Execute, observe, and judge round by round until the rule asks for no more runs."""
+    """Execute, observe, and judge in rounds until the stopping rule is satisfied."""
     configurations, opened = before.configurations, before.configurations.opened
     first = distinct_configurations(configurations.instantiation, stopping.wanted({}))
     options: Any = {"stage": "execute", "workers": workers, "stopping": stopping}
@@ -147,7 +147,7 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
     """Observe recordings that have no traces in the store.
 
     Args:
-        workers, observer: As `execute` has them.
+        workers, observer: See `execute`.
 
     Raises:
         Lost: a recording is no longer in the store or damaged; `execute` computes it again.
@@ -169,7 +169,7 @@ def judge(
     Args:
         oracles: Other oracles than the campaign file's, or others' parameters: names, `file.py:Class` relative to the campaign
             file, or `{name: parameters}`. `success` is always judged, first.
-        workers, observer: As `execute` has them.
+        workers, observer: See `execute`.
 
     Raises:
         FileError: there is no such oracle, or its parameters are wrong.

@@ -29,7 +29,7 @@ def write_stored(request: RunRequest, configuration: str, runs: int) -> Results:
     """Write the campaign directory of the first `runs` runs of a configuration, or of a point of a search.
 
     Args:
-        request: As the campaign was begun, with another folder for results.
+        request: The campaign's request, with another folder for results.
 
     Raises:
         UserError: the store lacks some of them, or the campaign file is another by now.

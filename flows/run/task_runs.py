@@ -73,7 +73,7 @@ class TaskRuns:
 
         Args:
             stage: Name of a task of `vastflow.tasks.prefect.stages`.
-            upstream: Of each shard what the stage before it made, or a future of that.
+            upstream: Result of an earlier stage for each shard, or a future of it.
 
         Raises:
             StoreError, PoolClosed: see `Engine.check`.
