@@ -34,7 +34,7 @@ class Group:
 
     Attributes:
         by_name: Runs of each configuration.
-        rates: Of each configuration, NaN without judged runs; where runs ended by a rule, unbiased ones.
+        rates: Rate of each configuration, NaN without judged runs; an unbiased one where runs ended by a rule.
         tables: Tables with their blocks.
         looks: If runs ended by a rule.
         sought: Whether a search chose them by earlier results: then they have no rate together, and nothing follows for others.
@@ -92,7 +92,7 @@ class Group:
         }
 
     def of(self, names: Iterable[str]) -> "Group":
-        """Some of these configurations."""
+        """Return the group of some of these configurations."""
         return replace(self, by_name={name: self.by_name[name] for name in names})
 
     @property
@@ -185,7 +185,7 @@ def evidence_json(
     """Pieces of `evidence.json`: counts, rates and intervals of the campaign, its families and its configurations.
 
     Args:
-        spreads: As of `spreads_of`.
+        spreads: Spreads of each oracle's metrics, see `spreads_of`.
         findings: Results of the statistics as JSON values, under their own keys.
     """
     document: dict[str, Any] = {

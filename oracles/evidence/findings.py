@@ -36,7 +36,7 @@ class Design:
     """The analysis of configurations with the same varying keys.
 
     Attributes:
-        families: Of these configurations; a family can be in several designs.
+        families: Families of these configurations; a family can be in several designs.
         metrics: Effects on what is measured of runs that reached their goals.
         alone, lacking: Keys that some other design lacks, or has in addition.
     """
@@ -207,7 +207,7 @@ METRICS: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "localization error": (("robustness", "mean"),),
     "path error": (("performance", "rmse"),),
 }
-"""What factors are compared by beside the failure rate: the first of these metrics of oracles that there is."""
+"""Quantities that factors are compared by beside the failure rate; each is the first of its oracles' metrics that exists."""
 
 
 def _runs(tables: Tables, at: NDArray[np.int64]) -> Runs:

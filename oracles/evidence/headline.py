@@ -20,7 +20,7 @@ class Headline:
         others: Interval for others, as named by `kind`; None where nothing follows for them.
         configurations: Number of those with judged runs.
         left_out: Number of configurations without any, which are in no rate.
-        finding: Of a search, in place of a rate.
+        finding: Finding of a search, in place of a rate.
     """
 
     rate: float | None
@@ -53,7 +53,7 @@ class Headline:
 
 
 def robot_text(metadata: Mapping[str, Any]) -> str:
-    """Whose robot drove, by the content of `metadata.json`; empty where nothing tells it."""
+    """Return the summary of the robot in the content of `metadata.json`; empty where it has none."""
     robots = metadata.get("robots")
     found = [each.get("summary") for each in robots if isinstance(each, dict)] if isinstance(robots, list) else []
     said = [*dict.fromkeys(each for each in found if isinstance(each, str))]

@@ -37,7 +37,7 @@ class Pairing:
         ambiguous: Names in the later campaign of configurations with several possible counterparts.
         oracles: Oracles of both campaigns, which judge the pairs.
         lonely_before, lonely_after: Runs of paired configurations whose seed the other campaign lacks.
-        other_seeds: Those of them up to the other's last run of the configuration: it has their numbers, with other seeds.
+        other_seeds: Number of lonely runs up to the other's last run of the configuration: it has their numbers, with other seeds.
         block: (M,) unit of each match, see `Units`.
         configuration: (P,) index into `matches`.
         run_before, run_after: (P,) run index.

@@ -234,8 +234,8 @@ def progress_figure(
     """Objective of each judged point over the runs spent by then, and the best so far.
 
     Args:
-        rows: Of `evaluations.parquet`.
-        beside: Of `baseline.parquet`, of which only the best so far is drawn.
+        rows: Rows of `evaluations.parquet`.
+        beside: Rows of `baseline.parquet`, of which only the best so far is drawn.
     """
     figure, axes = _axes()
     runs, values, best = _grown(rows, direction)
@@ -279,7 +279,7 @@ def boundary_figure(rows: Sequence[Mapping[str, Any]], names: Sequence[str], lev
     """Draw the expected objective over one dimension, or the level's contour over two, with its uncertainty.
 
     Args:
-        rows: Of `boundary.parquet`, each with its decoded `point`.
+        rows: Rows of `boundary.parquet`, each with its decoded `point`.
     """
     figure, axes = _axes()
     x = np.array([row["point"][names[0]] for row in rows])

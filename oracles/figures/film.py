@@ -43,7 +43,7 @@ def write_film(file: Path, pictures: Iterable[Image.Image], picture_ms: int, las
     Args:
         picture_ms: Duration of a picture.
         last_ms: Duration of the last picture, if it is longer.
-        crf: Of x264, from 0 (lossless) to 51.
+        crf: Constant rate factor of x264, from 0 (lossless) to 51.
 
     Raises:
         FilmError: ffmpeg fails.
@@ -121,7 +121,7 @@ class FilmedRun:
 
     Attributes:
         case: Its map and situation; no paths.
-        radius_m: Of the robot's body.
+        radius_m: Radius of the robot's body.
     """
 
     case: Case

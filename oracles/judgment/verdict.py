@@ -25,7 +25,7 @@ class WrittenMetrics(Mapping[str, Metric]):
     """Metrics in written form, decoded when one is read.
 
     Args:
-        text: As `metrics_text` gives it.
+        text: Metrics in the form of `metrics_text`.
     """
 
     def __init__(self, text: str) -> None:
@@ -147,7 +147,7 @@ class RunQuantity:
     Attributes:
         oracle: None for all oracles together.
         metric: None for whether the run failed.
-        q: Of the aggregate `quantile`, 0..1.
+        q: Level of the aggregate `quantile`, 0..1.
     """
 
     oracle: str | None = None

@@ -95,7 +95,7 @@ def obstacle_tracks_of(
     removes them. Among obstacles of one name an event means the nearest possible one.
 
     Args:
-        signals: Those of a trace, which have the poses of movers; without them there are no tracks of movers.
+        signals: Signals of a trace, which have the poses of movers; without them there are no tracks of movers.
 
     Raises:
         ValueError: an event of an obstacle that the scenario does not have.

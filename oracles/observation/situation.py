@@ -19,10 +19,10 @@ class Situation:
 
     Attributes:
         start: None without a robot.
-        goals: Of the navigation actions in written order, loops repeated.
+        goals: Goals of the navigation actions in written order, loops repeated.
         obstacles: Objects that are not on the robot's map; those with a trigger may never appear. Spawned ones are in `Run.entities`.
-        inscribed_radius_m: Of the body in the section `robot`, else of the local costmap's footprint.
-        circumscribed_radius_m: Of the robot's body.
+        inscribed_radius_m: Inscribed radius of the body in the section `robot`, else of the local costmap's footprint.
+        circumscribed_radius_m: Circumscribed radius of the robot's body.
         passed: The goals that a mission through poses passes by, in order.
         movers: Shapes of bodies that move by themselves, by their names.
     """

@@ -30,7 +30,7 @@ class Facts:
     Attributes:
         names: Names of maps by digest.
         evidence: By oracle, or None for all together, which `everything` and, for all runs, `all` are of.
-        spreads: Of each oracle's metrics.
+        spreads: Spreads of each oracle's metrics.
         shown_oracles: None for all together, and each that can fail a run if there are several.
         units, noun: Independent units of the configurations, and what one is called.
         maps: Number of maps.

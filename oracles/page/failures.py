@@ -94,7 +94,7 @@ def failure_kinds(failures: pd.DataFrame) -> list[Mapping[str, Any]]:
     """A row for each oracle and kind of reason, the most frequent first.
 
     Args:
-        failures: As `VerdictTable.reasons` has them.
+        failures: Failures in the form of `VerdictTable.reasons`.
     """
     kinds = failures.assign(kind=pd.factorize(failures.reason.map(kind_of))[0]).groupby(
         ["oracle", "kind"], observed=True

@@ -1,1 +1,1 @@
-"""Queries: selections of runs, what they come to, the frames of one run, and what a map shows of many."""
+"""Queries: selections of runs, their statistics, the frames of one run, and scenes of many runs on a map."""

@@ -19,7 +19,7 @@ from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.parquet import open_table
 
 Runs: TypeAlias = Literal["fixed", "sequential", "searched"]
-"""How runs of a campaign came about: as many as asked, until a rule ended them, or where a search put them."""
+"""Origin of a campaign's runs: a requested number, a rule that ended them, or a search that placed them."""
 Group: TypeAlias = Literal["run", "verdict", "metric", "factor", "path"]
 Bools: TypeAlias = NDArray[np.bool_]
 

@@ -27,7 +27,7 @@ class RecordedRun:
     Attributes:
         configuration: The executed one; a duplicate's original.
         seed: The campaign's `execution.seed`.
-        judgment: Of all oracles together.
+        judgment: Judgment of all oracles together.
         metadata: `metadata.json` of the campaign.
     """
 

@@ -20,7 +20,7 @@ class Units:
     Attributes:
         codes: (m,) unit of each configuration.
         noun: `path`, `map`, or `situation`.
-        others: What holds over these units generalizes to other ones of this: `paths on these 3 maps`, `maps with these paths`.
+        others: The other units that results over these ones generalize to: `paths on these 3 maps`, `maps with these paths`.
     """
 
     codes: NDArray[np.int64] = field(repr=False)

@@ -12,7 +12,7 @@ _MOST_CHARACTERS: Final = 500
 _FOUND_WRONG: Final = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, NotImplementedError)
 _TOO_MUCH: Final = (RecursionError, MemoryError)
 DAMAGE: Final = (OSError, zipfile.BadZipFile, *_FOUND_WRONG, *_TOO_MUCH)
-"""What damaged content raises in a program that expects what was written."""
+"""Errors that damaged content raises in a program that expects intact content."""
 
 
 class UnusableDirectory(UserError, ValueError):

@@ -55,7 +55,7 @@ class RateDifference:
         lost, gained: Pairs that passed only before, and only after.
         before, after: Shares of passed runs.
         difference: After less before, over pairs; over paths, each counting once, for others of their kind.
-        interval: Of the difference, within -1..1.
+        interval: Interval of the difference, within -1..1.
         mcnemar: p-value of McNemar's exact test, for independent pairs.
         p_value: For no difference, blocks as clusters; None for fewer than two configurations.
     """

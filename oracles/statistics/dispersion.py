@@ -22,11 +22,11 @@ class Dispersion:
     Attributes:
         configurations: Number of those with judged runs.
         mean: Share of passed runs.
-        alpha, beta: Of the beta-binomial fit; None at its limits, one rate for all, or only rates 0 and 1.
+        alpha, beta: Parameters of the beta-binomial fit; None at its limits, one rate for all, or only rates 0 and 1.
         icc: Intraclass correlation 1 / (alpha + beta + 1): 0 for independent runs, 1 where all runs of each configuration agree; None
             where no configuration has two judged runs.
         icc_moments: By analysis of variance; negative where configurations differ less than by chance.
-        p_value: Of Tarone's one-sided test of no over-dispersion.
+        p_value: p-value of Tarone's one-sided test of no over-dispersion.
         design_effect: Variance of the mean over that of independent runs.
     """
 

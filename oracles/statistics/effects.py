@@ -98,7 +98,7 @@ class LevelPair:
     Attributes:
         rate: Mean failure rate.
         expected: The rate if the factors' effects added up.
-        interval: Of `rate`, blocks as clusters; 0..1 for a single block.
+        interval: Interval of `rate`, blocks as clusters; 0..1 for a single block.
     """
 
     levels: tuple[str, str]
@@ -129,7 +129,7 @@ class FactorModel:
 
     Args:
         runs: (m,) behind each response of `contrasts`.
-        error: Of the intervals.
+        error: Error probability of the intervals.
 
     Attributes:
         margins: The fitted model.

@@ -164,7 +164,7 @@ def _posterior(x: Floats, n: Floats, level: float) -> tuple[float, float]:
 
 
 def _likelihood(x: Floats, n: Floats, p: Floats, q: Floats) -> Floats:
-    """Likelihood of each rate `p` = 1 - `q`, averaged over correlations; the greatest is about 1."""
+    """Likelihood of each rate `p` = 1 - `q`, averaged over correlations; the maximum is close to 1."""
     kinds, times = np.unique(np.stack((x, n - x)), axis=1, return_counts=True)
     log_p, log_q = np.log(p), np.log(q)
     independent = x.sum() * log_p + (n - x).sum() * log_q + np.log(_INDEPENDENT)

@@ -26,7 +26,7 @@ class Tested:
         p_value: None where it cannot be tested, and `why` says why.
         degrees: Independent columns beyond the others.
         least: The lowest p-value that so few blocks can give, however large the effect; 0 where blocks do not limit it.
-        slope: Of a single column: its coefficient, the standard error with blocks as units, and degrees of freedom; None for few blocks.
+        slope: Coefficient of a single column, its standard error with blocks as units, and degrees of freedom; None for few blocks.
     """
 
     p_value: float | None
@@ -228,9 +228,9 @@ class Trend:
     Attributes:
         change: From the smallest to the greatest number, within -1..1.
         change_interval: By independent units, see `trend_of`.
-        smallest, greatest: Of the number.
+        smallest, greatest: Limits of the number's values.
         p_value: For zero slope; None where it cannot be tested.
-        least: As of `Tested`.
+        least: The lowest possible p-value, see `Tested`.
     """
 
     change: float

@@ -101,7 +101,7 @@ class Looks:
 
     @cached_property
     def _reach(self) -> Floats:
-        """(2, most + 1, most + 1) shares of a coin's sequences that come to (judged, passed).
+        """(2, most + 1, most + 1) shares of a coin's sequences that reach (judged, passed).
 
         First of all sequences, then of those that begin with a pass.
         """

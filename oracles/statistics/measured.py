@@ -22,14 +22,14 @@ class MetricEffect:
     A round is the runs of one number in a matched set, of which all reached the goal.
 
     Attributes:
-        name, metric, unit: Of the factor, and of the metric and its unit.
+        name, metric, unit: Names of the factor and of the metric, and the metric's unit.
         levels, means: Compared levels, and the mean at each, where each situation counts once.
         left_out: Levels at which fewer than half of the missions reached the goal, or have a known value.
         rounds, of: Rounds compared, of all.
         sets, above: Matched sets with compared rounds, and those with more at the highest level than at the lowest.
         situations: Independent units of them.
-        interval: Of the difference of these two, by Student's t over situations, allowing for the choice among all pairs of levels (Bonferroni);
-            None for a single situation.
+        interval: Interval of the difference of the means at highest and lowest level, by Student's t over situations, allowing for the
+            choice among all pairs of levels (Bonferroni); None for a single situation.
         these: Whether the metric differs on these situations, by `permuted` within rounds.
         others: Whether it does on others like them, by `permuted` within situations.
     """

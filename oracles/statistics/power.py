@@ -56,7 +56,7 @@ def power_of(situations: int, levels: int, runs: int, tests: int = 1, error: flo
     Failure rates of situations at the other levels are beta distributed (1, 4): 0.2 on average.
 
     Args:
-        runs: Of each situation at each level.
+        runs: Number of runs of each situation at each level.
         tests: Number of factors, over which p-values are adjusted; as if by Bonferroni.
     """
 
