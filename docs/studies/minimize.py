@@ -32,8 +32,8 @@ class Plant:
     """A scenario that fails.
 
     Attributes:
-        values: Of its family, beside the map.
-        cause: What its failure needs, as beginnings of the words for it.
+        values: Values of its family's parameters, beside the map.
+        cause: Elements that its failure needs, each as the beginning of its description.
     """
 
     name: str

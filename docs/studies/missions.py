@@ -61,7 +61,7 @@ def random_paths(
 
     Args:
         path: Parameters of `PathVariationRandom`, beside those that are the same for all.
-        parameters: Of the family.
+        parameters: Further parameters of the family.
         more: Producers after the paths.
     """
     given = {"map_file": str(map_file.resolve()), "robot_radius": 0.22, "controller": controller, **(parameters or {})}

@@ -63,7 +63,7 @@ def paper_page(results: Sequence[PaperResults], delays: Mapping[str, Any] | None
     """The page of one or several campaigns, in their order; the same results give the same text.
 
     Args:
-        delays: What `spawn_delays.py --json` writes.
+        delays: Content of the file that `spawn_delays.py --json` writes.
     """
     environment = Environment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True

@@ -12,7 +12,7 @@ class Published:
     """One campaign of the paper.
 
     Attributes:
-        configurations: As it counts them, equal ones apart.
+        configurations: Number of configurations; equal ones count separately.
         passed, failed: Runs that were judged; those that did not start up are in neither.
         total_failure_share: Share of the failures that comes from configurations all of whose runs fail.
     """
@@ -39,7 +39,7 @@ class Published:
 
 
 RUNS: Final = 20
-"""Of each configuration."""
+"""Number of runs of each configuration."""
 PUBLISHED: Final[Mapping[Kind, Published]] = {
     "performance": Published(1816, 31714, 609, 0.3514),
     "robustness": Published(1792, 26041, 5409, 0.3280),
@@ -52,8 +52,8 @@ STORED_GB: Final = 737.0
 CLUSTER_CPUS: Final = 1920
 CLUSTER_H: Final = 7.0
 LOCAL_RADIUS_M: Final = 0.22
-"""Of the robot in the local costmap, Nav2's default, which is not varied."""
+"""Radius of the robot in the local costmap, Nav2's default, which is not varied."""
 LOCAL_PADDING_M: Final = 0.01
-"""That Nav2 adds to it by default."""
+"""Padding that Nav2 adds to this radius by default."""
 CPUS_OF_A_RUN: Final = 5
 """Two for the simulation, two for navigation, one for the scenario."""

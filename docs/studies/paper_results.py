@@ -54,7 +54,7 @@ class WeightedRate:
     Attributes:
         counts: Runs, each as often as its configuration was requested.
         rate: Weighted mean of the configurations' rates; None where nothing was judged.
-        interval: Of the rate, Wilson's at Kish's effective number of runs, (Σ w)² / Σ (w² / n).
+        interval: Wilson's interval of the rate, at Kish's effective number of runs, (Σ w)² / Σ (w² / n).
         clustered: For other configurations of their kind, see `clustered`.
     """
 
@@ -115,7 +115,7 @@ class Reading:
         name: A metric of `robustness`, or the radius of an obstacle in `safety`.
         alone: Runs by this criterion alone.
         reached: Runs that pass only if the mission succeeded too.
-        median_m: Of the error, or of the margin to the required separation; None where there is none.
+        median_m: Median of the error, or of the margin to the required separation; None where there is none.
     """
 
     name: str
@@ -138,7 +138,7 @@ class Begun:
     """Configurations that start alike.
 
     Attributes:
-        counts: What all oracles together say of their runs.
+        counts: Judgments of their runs by all oracles together.
         stood_still: Runs whose robot was sent and never moved.
     """
 
@@ -152,9 +152,9 @@ class Starts:
     """The configurations of a campaign by where they start.
 
     Attributes:
-        near: Those that start with a wall in their padded footprint.
+        near: Configurations that start with a wall in their padded footprint.
         free: The others.
-        moved: What all oracles together say of the runs that did not stand still, wherever they start.
+        moved: Judgments, by all oracles together, of the runs that did not stand still, wherever they start.
         causes: Why runs stood still, of `vastflow.sim.loop.standstill.CAUSES`, to how many did.
     """
 
@@ -178,20 +178,20 @@ class PaperResults:
     Attributes:
         original_maps: Whether on the paper's maps, else on our own floor plans.
         sampled_from: Distinct configurations of which those that were run are a sample; None where all were run.
-        runs: Of each configuration.
+        runs: Number of runs of each configuration.
         counts: Configuration to what all oracles together say of its runs.
         weights: Configuration to how often the file asks for it.
         blocks: Configuration to the number of its block, equal on one map with one task.
         oracles: Name to what each says of all runs.
-        reached: What the campaign's own oracle says of the runs whose mission succeeded.
-        parts: Of the configurations, by what the campaign varies.
+        reached: Judgments, by the campaign's own oracle, of the runs whose mission succeeded.
+        parts: Parts of the configurations, by what the campaign varies.
         starts: By the room that the robot has where it starts.
-        readings: Of robustness and safety; empty for performance.
-        ways: Of the runs as they are, and weighted.
+        readings: Readings of the criterion of robustness or safety; empty for performance.
+        ways: Means over the runs as they are, and over the weighted runs.
         stored_bytes: Recordings, traces, behaviors, logs and tables, without report and pictures.
         runs_cpu_s: CPU time of the simulation of all runs, by their logs.
-        executed, executed_s, cpu_s: Of the call that wrote the directory: runs, their simulated time, CPU time of all its processes.
-        cpus: Of its host.
+        executed, executed_s, cpu_s: Runs executed by the call that wrote the directory, their simulated time, CPU time of all its processes.
+        cpus: Number of CPUs of that call's host.
     """
 
     kind: Kind

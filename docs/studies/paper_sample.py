@@ -27,7 +27,7 @@ NAMES = ("performance", "robustness", "safety")
 PILOTS = (5, 60)
 """Sizes of the small samples; the first call has to instantiate too, and perhaps to compile."""
 SPARE = 0.95
-"""Of the CPU time, what is planned: what a configuration costs is known from a few."""
+"""Share of the CPU time that is planned: the cost of a configuration is estimated from a few."""
 
 
 def main() -> None:

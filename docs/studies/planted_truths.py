@@ -46,9 +46,9 @@ class Finding:
     """One rate of the simulation.
 
     Attributes:
-        of: What it is a share of.
-        most: What it must not exceed, beyond simulation noise; None for what is only told.
-        least: What it must reach, likewise.
+        of: Number of cases that `times` is counted among.
+        most: Upper limit of the rate, beside simulation noise; None for a rate that is only reported.
+        least: Lower limit of the rate, likewise.
     """
 
     what: str
@@ -342,7 +342,7 @@ def gate_rates(
     """Success rates of paths before and after a loss of `margin` on the mean.
 
     Args:
-        exact: Of these paths; else of the kind that they are drawn from.
+        exact: Whether the mean of these very paths loses `margin`; else that of the kind that they are drawn from.
     """
     if manner == "spread":
         before = rng.beta(8.0, 2.0, paths) * (1 - margin) + margin

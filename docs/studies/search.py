@@ -45,12 +45,12 @@ CONFIRMING_RUNS: Final = 5
 CONFIRMING_FAILURES: Final = 3
 MOST_RUNS: Final = 500
 METRIC_NOISE: Final = 0.05
-"""Of the metric of a run; the metric is 1 on a pocket's border."""
+"""Standard deviation of a run's metric; the metric is 1 on a pocket's border."""
 PLACES: Final = 10**6
 RUNS: Final = PLACES + 1
 """Streams of draws that no batch of a strategy has: its points are drawn from the seed, too."""
 FASTER: Final = 3.0
-"""As many times fewer runs than random are asked of the driven ones on a slope."""
+"""Factor by which driven strategies must need fewer runs than random ones on a slope."""
 RANDOM_SEEDS: Final = 2000
 SHORT_OF_IT: Final = {
     ("qd", BOTH, 1): 2.5,
@@ -61,8 +61,8 @@ SHORT_OF_IT: Final = {
     ("qd", BOTH, 8): 2.0,
     ("optuna", BOTH, 8): 2.0,
 }
-"""What misses it, to the times that it may not miss: eight or ten points are random and five runs confirm, so of a third of random's runs, 23 for both
-pockets, about ten are left to be driven: two batches of four, or one of eight."""
+"""Cases that miss it, to the factor they must reach: eight or ten points are random and five runs confirm, so of a third of random's runs,
+23 for both pockets, about ten are left to be driven: two batches of four, or one of eight."""
 
 STRATEGIES: Final[dict[str, dict[str, Any]]] = {
     "random": {},

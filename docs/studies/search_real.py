@@ -50,7 +50,7 @@ REDRAWN: Final = 200
 DOOR_Y_M: Final = (1.95, 3.05)
 BOX_M: Final = 1.0
 Y_OF_PASSAGE_M: Final = BOX_M / 2 + DOOR_Y_M[0]
-"""Of the center of the box where it leaves a passage of nothing."""
+"""Center (m) of the box where it leaves a passage of zero width."""
 Space = Mapping[str, tuple[float, float]]
 
 

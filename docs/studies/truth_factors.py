@@ -33,7 +33,7 @@ from vastflow.oracles.statistics.measured import Runs, metric_effects
 from vastflow.oracles.statistics.power import power_of
 
 SEED: Final = 3_911_207
-"""Of the judging campaigns; those that chose the methods had seeds below 1,000."""
+"""Seed of the judging campaigns; those that chose the methods had seeds below 1,000."""
 FALSE, COVERED, PROMISED = 0.06, 0.93, 0.7
 _CHUNK: Final = 50
 Floats = NDArray[np.float64]
