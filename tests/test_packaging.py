@@ -25,7 +25,7 @@ DOCKERFILE = (ROOT / "deployments" / "Dockerfile").read_text()
 LAYERS = ("deployments", "flows", "oracles", "producers", "sim", "tasks")
 LAYOUT = {*LAYERS, "campaigns", "docs", "tests", "pyproject.toml", "README.md"}
 MADE_HERE = {"build", "dist", "results"}
-"""What building and running leave behind; git ignores it."""
+"""Folders that building and running leave behind; git ignores them."""
 
 
 SHIPPED_DATA = ("quickstart", "scenarios")
@@ -232,7 +232,7 @@ def test_readme_begins_with_python_alone_and_has_two_long_commands():
     assert len([block for block in blocks if "install" in block]) == 2
 
 
-def test_readme_installs_what_the_tests_need():
+def test_readme_installs_requirements_of_tests():
     line = readme_line(
         "python3 -m venv .venv && .venv/bin/pip install -c deployments/constraints.txt -e ",
         ".venv/bin/pytest -n 3 --dist loadfile",

@@ -25,7 +25,7 @@ READERS: Final = frozenset(
 )
 """Names of functions that open a path or decode content without limits."""
 BOUND: Final = frozenset({"copy", "load", "open", "read_table"})
-"""Those that mean something else as methods of values: they count behind the name of a module or a path alone."""
+"""Names that mean something else as methods of values: they count behind the name of a module or a path alone."""
 MODULES: Final = frozenset({"shutil", "json", "np", "pickle", "yaml", "pq", "os", "io", "Image", "tarfile", "gzip"})
 
 ALLOWED: Final[dict[str, tuple[int, str]]] = {

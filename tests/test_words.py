@@ -24,7 +24,7 @@ FORMER_NAMES = {"judgement", "unrealisable", "unrealisable_by", "realised"}
 PRIVATE = re.compile(r"(?<![a-z])(chatter|foresight|leaps|parcels?|shelf|shelves|whereabouts|workshop)")
 
 MOST_WORDS = 20
-"""Of a docstring's summary."""
+"""Maximum number of words of a docstring's summary."""
 CLAUSE = re.compile(
     r"^(Of|What|That|As|Those|Who|Whoever|Where|Which|How|For what|Nothing|None|Others?|Each that|One that|Such) "
 )
@@ -155,7 +155,7 @@ def test_message_states_expected_and_given_values(trees):
     assert found == []
 
 
-def test_fault_is_told_in_sentences(trees):
+def test_fault_message_consists_of_sentences(trees):
     found = {f"{file}: {text}" for file, tree in trees.items() for text in faults_in(tree) if FRAGMENT.search(text)}
     assert sorted(found) == []
 

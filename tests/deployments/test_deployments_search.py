@@ -20,7 +20,7 @@ pytestmark = [
 ]
 
 PLAN = "import asyncio\nfrom prefect.server.services.scheduler import schedule_deployments as s\nasyncio.run(s())"
-"""What Prefect's own scheduler does every minute."""
+"""Work that Prefect's own scheduler does every minute."""
 
 
 @pytest.fixture(scope="module")

@@ -146,7 +146,7 @@ def test_gate_exits_with_own_code_and_reason(tmp_path, then, now, options, exit_
     assert (result.exit_code, words in result.stdout) == (exit_code, True), result.output
 
 
-def test_gate_refuses_runs_with_other_seeds_and_says_what_to_do(tmp_path):
+def test_gate_refuses_runs_with_other_seeds_and_suggests_remedy(tmp_path):
     before, after = write(tmp_path / "a", LONG), write(tmp_path / "b", LONG)
     runs = pq.read_table(after / "runs.parquet").to_pylist()
     for run in runs[2:5]:

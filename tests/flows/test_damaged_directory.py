@@ -117,7 +117,7 @@ def test_commands_refuse_numbers_in_columns_of_text(directory, tmp_path, command
 
 
 @pytest.mark.parametrize("command", ["plan", "run"])
-def test_commands_refuse_a_number_of_runs_that_is_none(directory, tmp_path, monkeypatch, command):
+def test_commands_refuse_invalid_number_of_runs(directory, tmp_path, monkeypatch, command):
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
     metadata = json.loads((directory / "metadata.json").read_text())
     metadata["asked"]["runs"] = "many"

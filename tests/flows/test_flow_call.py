@@ -76,7 +76,7 @@ def test_flow_is_retried_only_with_embedded_api(made, monkeypatch, failures, con
 
 
 @pytest.mark.parametrize(("status", "begun"), [(503, 3), (401, 1)])
-def test_flow_begins_again_at_configured_api_that_is_busy(made, monkeypatch, status, begun):
+def test_flow_restarts_when_configured_api_is_busy(made, monkeypatch, status, begun):
     monkeypatch.setattr(flow_call, "configured_url", lambda: "http://lab:4200/api")
     monkeypatch.setattr(flow_call.time, "sleep", lambda pause_s: None)
     request = httpx.Request("POST", "http://lab:4200/api/flows/")

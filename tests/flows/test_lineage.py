@@ -66,7 +66,7 @@ def test_lineage_leads_from_verdicts_to_campaign_file_by_keys_in_the_store(direc
     assert steps[-1].key == file_digest(directory / "campaign.vast")
 
 
-def test_lineage_tells_oracles_robot_seed_and_what_each_producer_wrote(directory, store):
+def test_lineage_shows_oracles_robot_seed_and_values_of_producers(directory, store):
     steps = steps_of(directory, store, "room-2")
     own = steps["judge"].facts["oracles"][1]
     assert (own["oracle"], own["judgment"], own["parameters"]) == ("own.py:Own", "not judged", {"most": 3})
@@ -85,7 +85,7 @@ def test_lineage_tells_oracles_robot_seed_and_what_each_producer_wrote(directory
     assert made["wrote"] == {"laserscan_gaussian_noise_std_deviation": 0.02}
 
 
-def test_lineage_says_what_the_store_lacks_and_what_is_unknown_without_it(directory, store):
+def test_lineage_marks_missing_artifacts_and_unknown_keys(directory, store):
     kept = steps_of(directory, store)
     store.remove([kept["judge"].key])
     assert steps_of(directory, store)["judge"].is_stored is False
@@ -101,7 +101,7 @@ def test_lineage_says_what_the_store_lacks_and_what_is_unknown_without_it(direct
     assert ("observe", "", "key unknown, as it follows from what the store lacks") in lines
 
 
-def test_lineage_of_a_directory_without_keys_of_oracles_makes_none_up(directory, store, tmp_path):
+def test_lineage_has_no_key_of_verdicts_when_sources_of_oracles_are_missing(directory, store, tmp_path):
     old = shutil.copytree(directory, tmp_path / directory.name)
     metadata = json.loads((old / "metadata.json").read_text())
     del metadata["source"]["oracles"]

@@ -69,7 +69,7 @@ def test_params_prints_used_value_beside_special_one(nav2):
     assert "3 controller_server.failure_tolerance -1.0 modeled: 1000000.0" in lines
 
 
-def test_params_says_at_which_rate_a_loop_truly_runs(nav2):
+def test_params_shows_effective_rate_of_loops(nav2):
     frequency = "local_costmap: {local_costmap: {ros__parameters: {update_frequency: 3.0, publish_frequency: 2.0}}}\n"
     loop = "bt_navigator: {ros__parameters: {bt_loop_duration: 10}}\n"
     nav2.write_text(NAV2.replace("publish_zero_velocity: false", "controller_frequency: 30.0") + frequency + loop)

@@ -96,7 +96,7 @@ def test_plan_counts_configurations_and_their_losses(rich_room):
         (6, 5, {"these": 0.4, "others": 0.6}, "So many runs show 40 points on these paths in 8 of 10 campaigns, and 60 points for other paths on this map."),
     ],
 )  # fmt: skip
-def test_plan_says_which_effects_so_many_paths_and_runs_show(rich_room, paths, runs, power, words):
+def test_plan_states_detectable_effects_for_paths_and_runs(rich_room, paths, runs, power, words):
     text = rich_room.read_text().replace(
         "path_length: [2.0, 200.0]", f"num_paths: {paths}, path_length: 2.0".replace(", ", "\n          ")
     )

@@ -24,7 +24,7 @@ from vastflow.tasks.store.store import open_store
 pytestmark = pytest.mark.timeout(900)
 
 CALLS = 3 * (12 + 1)
-"""Of a stage in such a search: three for each point, and for the one that is confirmed."""
+"""Calls of a stage in such a search: three for each point, and three for the confirmed one."""
 
 
 @pytest.fixture(scope="module")

@@ -121,7 +121,7 @@ def test_record_is_not_written_through_a_link(foreign, state, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["link", "folder", "pipe"])
-def test_inputs_that_are_no_files_are_refused(foreign, tmp_path, kind):
+def test_permission_refuses_links_and_pipes_in_inputs(foreign, tmp_path, kind):
     place = foreign / "inputs" / "more.py"
     if kind == "pipe":
         os.mkfifo(place)

@@ -150,7 +150,7 @@ def test_performance_compares_path_with_reference(xy_m, given, judgment, metrics
     assert {name: found[2][name] for name in metrics} == pytest.approx(metrics)
 
 
-def test_performance_says_how_far_path_is_from_reference():
+def test_performance_states_deviation_from_reference_path():
     said = judged("performance", along(0.3), parameters={"local_robot_radius_m": 0.029})[1]
     assert said == "RMSE 0.30 m to the reference path, more than 0.29 m"
     assert judged("performance", along(), reference=NO_MAP)[1] == "no reference path: the scenario has no map"
@@ -204,7 +204,7 @@ def test_safety_requires_separation(separation_m, parameters, judgment, metrics)
     assert {name: found[2][name] for name in metrics} == pytest.approx(metrics, abs=5e-4)
 
 
-def test_safety_says_which_obstacle_was_too_close():
+def test_safety_names_obstacle_when_too_close():
     said = passing({box(0.5): 0.60, box(0.8): 0.70})[1]
     assert said == "0.700 m from the center of a box 0.8 x 0.8 m, less than 0.766 m"
     assert judged("safety", NO_ROWS, box(0.5))[0] == "not judged"

@@ -179,7 +179,7 @@ def test_report_has_same_film_again(directory):
     ("name", "value"),
     [("oracles.page.film.MOST_BYTES", 1000), ("oracles.figures.film._encoder", lambda: "/bin/false")],
 )
-def test_report_has_no_film_that_is_too_large_or_fails(directory, monkeypatch, name, value):
+def test_report_omits_film_when_too_large_or_failed(directory, monkeypatch, name, value):
     monkeypatch.setattr(f"vastflow.{name}", value)
     shutil.rmtree(directory / "figures")
     write_report(directory)

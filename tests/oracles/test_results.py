@@ -239,7 +239,7 @@ def scenario_at(where, goal_m, rounds=1, **system):
         ([("a", 1), ("b", 1), ("c", 2)], [0, 1, 2], "map", "maps with these paths"),
     ],
 )
-def test_units_are_what_does_not_repeat(places, codes, noun, others):
+def test_units_are_paths_unless_maps_outnumber_them(places, codes, noun, others):
     found = units_of([scenario_at(*place, noise=k) for k, place in enumerate(places)])
     assert (found.codes.tolist(), found.noun, found.others) == (codes, noun, others)
 

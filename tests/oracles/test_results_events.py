@@ -73,7 +73,7 @@ def test_reader_keeps_half_written_line_for_later(running):
     assert event.values == {"name": "röm"} and event.at.year == 2026
 
 
-def test_reader_counts_lines_that_are_no_events(running):
+def test_reader_counts_damaged_lines(running):
     for line in (b"\0\0\n", b"[]\n", b'{"event": "ended"}\n', b'{"at": 1, "event": "ended"}\n', b"\n"):
         appended(running, half=line)
     appended(running, Event(AT, "began"))

@@ -191,7 +191,7 @@ def test_design_is_read_from_the_file(load):
     assert load("    design: cartesian\n").families[0].design == CARTESIAN
 
 
-def test_design_that_is_too_large_is_a_fault_at_its_place(load):
+def test_design_reports_fault_at_its_place_when_too_large(load):
     variations = "".join(
         f"      - ParameterVariationList: {{name: k{i}, values: [1, 2, 3, 4, 5, 6, 7, 8, 9]}}\n" for i in range(7)
     )

@@ -22,7 +22,7 @@ DIGESTS = {
     "office_wing": "ed9d73eb4059dc9d752c32ff9e84d048c62aa3e854f6c25b46dc73b02e6149bc",
     "university": "066a977e2b4d6edddbdd7cca5e5cf1c422954e369701dfdc49e5f6e78729477e",
 }
-"""Of what is solid and of the map together: both enter the scenarios of the paper's campaigns."""
+"""Digests of the solid and the map together: both enter the scenarios of the paper's campaigns."""
 
 CLINIC = Path(__file__).with_name("test_floorplan_clinic.fpm2")
 """A plan with every kind of part, written as in the draft of the language."""

@@ -149,7 +149,7 @@ def test_campaign_reports_each_plan_warning_once(base):
         assert [str(note) for note in producer.notes] == [str(warning)]
 
 
-def test_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):
+def test_plan_is_rejected_when_too_large_for_resolution(base):
     (item,) = evaluate(generation(base, resolution=0.0001), {})
     assert isinstance(item, Rejection) and "cells. At most" in item.reason
 

@@ -30,7 +30,7 @@ local_costmap:
       inflation_layer: {{plugin: "nav2_costmap_2d::InflationLayer"}}
 """
 DISC_M = 0.234142
-"""As far as the outline of a robot of 0.22 m padded by 0.01 m reaches, to the right also 0.23 m."""
+"""Reach of the outline of a robot of 0.22 m padded by 0.01 m; to the right also 0.23 m."""
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ from pathlib import Path
 import psutil
 
 WAYS = ("result", "error", "traceback", "type", "warning", "code", "code's error", "scheduler")
-"""What is pickled: a unit's result, its error, the traceback, the result's type, a warning, what a worker says of its code and
-how that fails, and a part of a message of the scheduler."""
+"""Parts of messages that are pickled: a unit's result, its error, the traceback, the result's type, a warning,
+what a worker says of its code and how that fails, and a part of a message of the scheduler."""
 
 _FOLDER = "HOSTILE_FOLDER"
 

@@ -69,7 +69,7 @@ def built(source: Path) -> Path:
     """The wheel of a copy of this checkout, whose tests stay as they were when it was built.
 
     Args:
-        source: Where the copy is made: less what git ignores, for a `build` folder could put yesterday's modules into the wheel.
+        source: Folder for the copy, without what git ignores: a `build` folder could put yesterday's modules into the wheel.
     """
     listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(listing, cwd=ROOT, check=True, capture_output=True, text=True).stdout

@@ -174,7 +174,7 @@ class Bed:
 
     Attributes:
         environment: Variables of the calls.
-        options: Of the child.
+        options: Options of the child process.
         vast: The campaign file.
         meanwhile: An edit after keys are made.
     """

@@ -214,7 +214,7 @@ def descendants(process: psutil.Process) -> set[int]:
 
 
 _OF_THE_SERVER = {0: "pages do not show the end", 3: "start it (`prefect server start`)"}
-"""What is said of a server that stays away, by how the campaign ended."""
+"""Message about a server that stays away, by the campaign's exit code."""
 
 
 def _judge_end(life: Life, point: Point) -> None:

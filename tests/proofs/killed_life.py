@@ -77,7 +77,7 @@ configuration:
   - ParameterVariationList: {{name: inflation_radius, values: [0.4, 0.5]}}
 execution: {{runs: {RUNS}}}
 """
-"""As many configurations with a robot, which drives 1.5 m through an empty room."""
+"""Campaign of as many configurations, with a robot that drives 1.5 m through an empty room."""
 
 ROOM = "{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}"
 ROOM_PGM = b"P5 80 60 255\n" + bytes(0 if x in (0, 79) or y in (0, 59) else 254 for y in range(60) for x in range(80))

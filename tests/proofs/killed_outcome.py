@@ -51,7 +51,7 @@ def _content(path: Path) -> bytes:
 
 
 MASKS = ((rb"<!-- work -->.*?<!-- /work -->", b""), (rb"20\d\d-\d\d-\d\d \d\d:\d\d:\d\d", b""))
-"""Of the report: what is said of the call that made it."""
+"""Parts of the report about the call that made it, and their replacements."""
 
 
 def stored(store: Store) -> dict[str, str]:

@@ -57,8 +57,8 @@ class Point:
         blocks: Nor before so many blocks are executed; `REPORT`: before the campaign directory is begun.
         aimed_s: And so long after that.
         cut: Runs whose block a process began and never ended: they were in flight when it died. By scenario digest and run index.
-        load: Of the machine, in the minute before the kill.
-        back_s: How long (s) a configured API was away; -1 until the campaign had ended.
+        load: Load of the machine in the minute before the kill.
+        back_s: Time (s) that a configured API was away; -1 for until the campaign had ended.
     """
 
     setting: Setting

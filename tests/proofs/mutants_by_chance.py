@@ -30,7 +30,7 @@ PLACES: Final = {"sim": "sim", "producers": "producers", "oracles/statistics": "
 """Folders that mutants are drawn in, to the folder of their tests."""
 KERNEL: Final = {"njit", "inner", "addressed", "kernel"}
 TIMEOUT_S: Final = 600
-"""Of one test. A mutant that never ends counts as found: nobody would overlook it."""
+"""Timeout of one test. A mutant that never ends counts as found: nobody would overlook it."""
 
 COMPARED: Final[dict[type[ast.cmpop], str]] = {
     ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "==", ast.In: "not in", ast.NotIn: "in",

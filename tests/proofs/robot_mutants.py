@@ -24,7 +24,7 @@ from typing import Final, NamedTuple
 
 ROOT: Final = Path(__file__).parents[2]
 TIMEOUT_S: Final = 7200
-"""Of one mutant; tests that end by a clock don't tell that they found it."""
+"""Timeout of one mutant; tests that end by a clock don't tell that they found it."""
 NO_FINDING: Final = re.compile(r"Timeout|TypingError|LoweringError|ContractError|ImportError|SyntaxError")
 """Failures of a mutant that no test had to find."""
 

@@ -62,7 +62,7 @@ SlurmdParameters=config_overrides
 NodeName={host} NodeAddr=127.0.0.1 CPUs={cores} RealMemory=1000000
 PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE
 """
-"""Of a cluster without control groups, which a container may not have; `config_overrides` believes `CPUs`."""
+"""Configuration of a cluster without control groups, which a container may not have; `config_overrides` believes `CPUs`."""
 
 
 def missing() -> list[str]:

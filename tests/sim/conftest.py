@@ -147,9 +147,9 @@ scenario trial:
 
 @pytest.fixture
 def staged(tmp_path: Path, two_rooms: FileContent) -> Callable[..., Scenario]:
-    """A scenario of the two rooms that does what a text says, with a robot and four poses at hand.
+    """A function that makes a scenario of the two rooms from a text, with a robot and four named poses.
 
-    A text without a `do` is what is done one after the other once the robot knows that it is at `start`.
+    A text without a `do` lists actions that run one after the other once the robot knows that it is at `start`.
     """
 
     numbers = itertools.count()

@@ -69,7 +69,7 @@ def driven(system, start=START, goal=GOAL, timeout_s=90.0):
     controller=st.sampled_from(["mppi", "rpp", "dwb"]),
 )
 def test_driven_curvature_never_exceeds_that_of_the_least_radius(radius_m, yaw_rad, goal_yaw_rad, controller):
-    """Whatever commands: the robot's true pose turns by no more than what it has driven divided by the radius."""
+    """The true heading turns by at most the driven distance divided by the radius, whatever the commands."""
     robot = {"robot.drive": "ackermann", "robot.min_turning_radius": radius_m, "controller": controller}
     _, rows = driven(robot, Pose(2.0, 2.0, yaw_rad), Pose(7.0, 2.5, goal_yaw_rad), timeout_s=30.0)
     turned_rad = np.abs(np.remainder(np.diff(rows[:, 0]) + math.pi, 2.0 * math.pi) - math.pi)

@@ -128,7 +128,7 @@ def test_normal_numbers_are_numpys_but_for_the_last_bit_of_its_tail(kind):
 
 FOLDERS = ("sim", "oracles/observation", "oracles/judgment", "oracles/catalog", "producers")
 NOT_ON_THE_PATH = ("sim/replay.py", "producers/search", "producers/floorplan/mesh.py", "conformance.py")
-"""What draws a run, proposes configurations, makes a floor plan's solid, or tests plug-ins."""
+"""Modules that draw a run, propose configurations, make a floor plan's solid, or test plug-ins."""
 OURS = {
     **{name: f"elementary.{name}" for name in ("exp", "log", "sin", "cos", "tan", "atan2", "hypot", "dist")},
     **dict.fromkeys(("asin", "acos"), "elementary.asin, acos"),

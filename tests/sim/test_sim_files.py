@@ -49,7 +49,7 @@ def put(folder: Path, content: bytes, name: str = "file") -> Path:
         ("large", "expected at most 16,777,216, got 1,099,511,627,776 bytes"),
     ],
 )
-def test_path_that_is_no_regular_file_is_refused_at_once(tmp_path, monkeypatch, place, message):
+def test_read_text_refuses_irregular_file_at_once(tmp_path, monkeypatch, place, message):
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe")
     for link, target in (("to_null", "/dev/null"), ("dangling", "nowhere"), ("circle", "circle")):

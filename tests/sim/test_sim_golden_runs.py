@@ -92,7 +92,7 @@ class Golden(NamedTuple):
 
     Attributes:
         digest: First digits of its digest.
-        t_s, distance_m, recoveries: Of the whole run.
+        t_s, distance_m, recoveries: Totals of the whole run.
         x_m, y_m, yaw_rad: True pose at its end.
     """
 

@@ -29,7 +29,7 @@ from vastflow.sim.kernels.numeric import njit
 njit(lambda x: np.abs(x).sum())(np.ones(3))
 """,
 }
-"""What a process does before it compiles the function that is looked at."""
+"""Actions of a process before it compiles the examined function."""
 
 PROGRAM = """
 import hashlib, json, re, sys

@@ -72,7 +72,7 @@ def test_parameter_file_with_wrong_planner_is_refused(folder, edit, message):
         nav2_file(edited)
 
 
-def test_planner_that_writes_to_what_it_prepared_fails_its_check(folder):
+def test_planner_fails_check_when_it_changes_prepared_data(folder):
     file = folder / "my_wavefront.py"
     queue = "np.zeros(setting.costs.size, dtype=np.int64)"
     text = file.read_text().replace(queue, "*setting.prepared")

@@ -136,7 +136,7 @@ def test_next_mission_plans_on_costs_that_changed_during_the_one_before():
     assert 4.0 < at_the_wall(desk.path) < 5.0
 
 
-def test_missions_share_costs_of_the_map_and_none_that_they_change():
+def test_missions_share_costs_of_map_but_not_their_own_changes():
     one = Desk(two_doors(), (7.0, 1.5)).stack
     other = give(one, Mission("navigate_to_pose", (Pose(7.0, 4.5, 0.0),)))
     assert one.planner.memory.least is other.planner.memory.least
@@ -152,7 +152,7 @@ def test_path_much_longer_than_that_of_map_is_found():
     assert len(desk.path) > 2 * len(Desk(cells, (7.0, 1.5)).fresh((1.0, 1.5), (7.0, 1.5)))
 
 
-def test_unknown_ground_that_is_seen_to_be_free_is_driven_at_once():
+def test_path_crosses_unknown_ground_once_seen_free():
     cells = two_doors()
     cells[20:40, 70:92] = -1
     desk = Desk(cells, (7.0, 1.5))
@@ -174,7 +174,7 @@ def test_moved_goal_keeps_offset_within_cell():
     assert desk.path[-1] * RESOLUTION_M == pytest.approx((desk.m["goal_x"], desk.m["goal_y"]))
 
 
-def test_free_cell_that_is_walled_in_is_no_goal():
+def test_goal_is_not_moved_to_walled_in_free_cell():
     desk = Desk(two_doors(), (7.0, 1.5))
     desk.cost(slice(26, 35), slice(136, 145), 254)
     desk.cost(slice(29, 32), slice(139, 142), 0)

@@ -172,7 +172,7 @@ def test_closed_door_and_blocked_start_have_no_path():
     assert path_of(few, situation(costs_of(rooms()), (1.0, 2.0, 0.0), (5.0, 2.0, 0.0))) == 207
 
 
-def test_unknown_cells_are_passed_only_where_that_is_allowed():
+def test_path_crosses_unknown_cells_only_when_allowed():
     costs = costs_of(rooms())
     costs[30:44, 55:66] = 255
     given = situation(costs, (1.0, 2.0, 0.0), (5.0, 2.0, 0.0))

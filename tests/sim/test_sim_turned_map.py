@@ -23,7 +23,7 @@ from vastflow.sim.world.robot_model import Lidar, Robot
 from vastflow.sim.world.world import World
 
 ORIGIN = (-2.0, 1.5)
-"""Of the two rooms in these tests, whose poses below are measured from it."""
+"""Origin of the two rooms in these tests; the poses below are measured from it."""
 START, GOAL = (1.0, 1.0, 0.25), (7.0, 4.0, 1.0)
 AHEAD = (3.0, 2.0)
 

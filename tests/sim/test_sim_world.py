@@ -22,7 +22,7 @@ DT_S = 0.01
 TICK_S = 0.05
 ROBOT = Robot()
 STEP_M = 0.006
-"""How far a body may stand in a wall: what it drives in one step at 0.5 m/s, and the engine's slop."""
+"""Greatest depth of a body in a wall: its travel in one step at 0.5 m/s, and the engine's slop."""
 HERE = Trigger(0.0, 0.0, 1.0)
 RECTANGLE = Robot(
     vertices=((0.35, 0.25), (0.35, -0.25), (-0.35, -0.25), (-0.35, 0.25)), radius_m=math.hypot(0.35, 0.25)
@@ -107,7 +107,7 @@ def test_robot_stops_with_its_front_or_back_at_a_wall_or_an_obstacle(robot, yaw,
 
 @given(robot=st.sampled_from(ROBOTS), yaw=st.floats(-3, 3), v=st.floats(-0.5, 0.5), w=st.floats(-2, 2))
 @settings(max_examples=90, deadline=None)
-def test_body_enters_no_wall_and_meets_none_without_a_contact(robot, yaw, v, w):
+def test_body_stays_out_of_walls_and_reports_contacts(robot, yaw, v, w):
     driven = Driven(Pose(5.4, 3.4, yaw), robot=robot)
     for _ in range(40):
         driven.drive(v, w, 0.05)

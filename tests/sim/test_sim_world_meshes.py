@@ -131,7 +131,7 @@ def test_surface_that_encloses_nothing_is_thin_wall(mesh):
     assert found.bounds == pytest.approx((-1.0, -0.5005, 1.0, -0.4995)) and found.area == pytest.approx(0.002)
 
 
-def test_world_has_files_of_its_meshes_and_not_of_what_is_only_seen(tmp_path, mesh):
+def test_world_lists_files_of_collision_meshes_but_not_of_visuals(tmp_path, mesh):
     mesh(stl(box(1, 1, 1)))
     text = (tmp_path / "w.sdf").read_text()
     seen = "<visual name='v'><geometry><mesh><uri>gone.dae</uri></mesh></geometry></visual>"

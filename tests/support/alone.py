@@ -1,4 +1,4 @@
-"""A controller alone: its kernel in situations made by hand, and driving a unicycle that does what it is told."""
+"""A controller alone: its kernel in handmade situations, and drives of an ideal unicycle."""
 
 import math
 

@@ -66,7 +66,7 @@ def sleepers(folder, home, commands, runs, workers):
     """Yield a function that starts the campaign with its results in a folder; its processes are killed afterwards.
 
     Args:
-        home: Of Prefect, which no other process uses.
+        home: Prefect's home, which no other process uses.
         commands: One for each configuration.
     """
     (folder / "asleep.vast").write_text(CAMPAIGN.replace("COMMANDS", str(commands)).replace("RUNS", str(runs)))

@@ -44,7 +44,7 @@ def write_results(path, root, found, *, map_dir=None, runs=2, tree=None, asked=(
     Args:
         found: Results of each configuration, or a function that gives those of one.
         tree: The source that makes keys and ingredients; by default keys are `KEYS`, and ingredients are left out.
-        asked: What `metadata.json` says of the request beside file and runs.
+        asked: Entries of `metadata.json` on the request, beside file and runs.
         named: Other arguments of `results.write_results` than the usual ones.
     """
     campaign, oracles = read_campaign(path, map_dir)

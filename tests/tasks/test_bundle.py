@@ -170,7 +170,7 @@ def test_file_that_changed_since_is_noticed(store, home):
         definition_of(after.abstract)
 
 
-def test_file_that_is_gone_is_named(store, home):
+def test_packer_names_missing_file(store, home):
     before = scenario(home)
     (home / "nav2.yaml").unlink()
     with pytest.raises(ScenarioError, match=r"nav2\.yaml: No such file.*workers elsewhere need it"):

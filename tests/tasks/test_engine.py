@@ -186,7 +186,7 @@ def test_interrupted_task_run_ends_as_cancelled():
 
 
 def recorded(store, keys, checked, scenario, start, stop, oracles):
-    """Execute a whole unit, and no more."""
+    """Execute a whole unit without observing or judging it."""
     facts = {"runs": [[run, 10.0] for run in range(start, stop)]}
     home = keys.recordings(checked)
     made = store.put(f"{home}/{start}-{stop}", {"recordings.parquet": b"recordings"}, facts)

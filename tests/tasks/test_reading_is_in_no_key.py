@@ -43,13 +43,13 @@ RESULTS_OF_READING = {
     "vastflow.sim.system.system.system_of",
     "vastflow.sim.plug_ins.registry.plug_in_value",
 }
-"""What stages call to read what keys have the value of."""
+"""Functions that stages call to read content whose value is in keys."""
 
 WORDS_ONLY = {"vastflow.sim.model.names.did_you_mean", "vastflow.sim.model.names.nearest"}
-"""Whose result stands in messages alone."""
+"""Functions whose result is in messages alone."""
 
 REFUSALS = {"vastflow.sim.model.parameter.parameter", "vastflow.sim.scenario.definition.behaviors_of"}
-"""What finds a scenario that is refused before it runs, so that no result follows from it."""
+"""Functions that refuse a scenario before it runs, so that no result follows from it."""
 
 
 def plug_ins():

@@ -181,7 +181,7 @@ def test_whole_unit_goes_through_all_stages(store, simulate):
     assert work.compute(store, keys, "checked", SCENARIO, 2, 4, oracles).artifacts == computed.artifacts[3:]
 
 
-def test_whole_unit_leaves_what_breaks_to_its_stage(store, simulate):
+def test_whole_unit_leaves_broken_judgment_to_judge_stage(store, simulate):
     simulate()
     keys = Keys("numeric", "e", "o", "j", 0, [])
     computed = work.compute(store, keys, "checked", SCENARIO, 0, 2, partial(pickle.loads, b"junk"))

@@ -192,7 +192,7 @@ def test_frames_leave_deviation_out_without_reference(directory: Path):
     assert "Off the reference path" not in [plot["title"] for plot in plots_of([without])]
 
 
-def test_distance_to_goal_is_to_the_next_goal_that_is_open(directory: Path):
+def test_distance_to_goal_is_measured_to_next_open_goal(directory: Path):
     run = stored_run(directory, "office-1", 0)
     x_mm = run.columns["x_mm"]
     np.testing.assert_array_equal(run.columns["goal_distance_mm"], 3800 - x_mm)
