@@ -317,7 +317,7 @@ def test_cpu_time_of_workers_elsewhere_includes_their_preparation(opened, tmp_pa
 def test_local_cluster_whose_scheduler_died_is_started_again(opened):
     executor = opened("local:1")
     assert execute(executor, len, "ab").result(250) == 2
-    executor._server.kill()
+    executor._own._process.kill()
     assert execute(executor, len, "abc").result(250) == 3
 
 
