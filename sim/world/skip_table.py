@@ -163,6 +163,13 @@ def _meet_outlines(
             column, row = math.floor(x + away * dx), math.floor(y + away * dy)
             to_x = (column + right - x) * per_x if dx != 0.0 else math.inf
             to_y = (row + up - y) * per_y if dy != 0.0 else math.inf
+            # A beam on a border belongs to the cell that it goes to, as `_begin` has it; a flat one stays there for many cells.
+            if to_x <= away:
+                column += 2 * right - 1
+                to_x += abs(per_x)
+            if to_y <= away:
+                row += 2 * up - 1
+                to_y += abs(per_y)
             while 0 <= row < named.shape[0] and 0 <= column < named.shape[1]:
                 name = named[row, column]
                 if name == COVERED:
@@ -183,9 +190,12 @@ def _meet_outlines(
                     row += 2 * up - 1
                     to_y += abs(per_y)
             if away < nearest:
+                before = away
                 away = _begin(skips, x, y, dx, dy, away, lines, places, 0)
                 while away == GOES_ON:
                     away = _advance(skips, lines, places, 0, 0.0, end)
+                if away <= before:  # rounding put the beam into a cell beside that one, in which nothing stands
+                    away = max(before, min(to_x, to_y))
         out[b] = nearest if nearest < end else math.inf
 
 

@@ -1,6 +1,7 @@
 """Bodies of a world are exact: for beams, contacts, and clearances, whatever the cells of the map."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from vastflow.sim.world.bodies import Body, distances_to, outlines_of, walls_of
 from vastflow.sim.world.lidar import scan
 from vastflow.sim.world.occupancy import FREE, OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
-from vastflow.sim.world.skip_table import skip_table_of
+from vastflow.sim.world.skip_table import ranges_to_walls, skip_table_of
 from vastflow.sim.world.world import World
 
 FLOOR = OccupancyMap(np.full((120, 120), FREE, dtype=np.int8), 0.05, (-3.0, -3.0))
@@ -80,6 +81,21 @@ def _grazes(body, x_m, y_m, dx, dy):
         return abs(across - body.shape.radius_m) < 1e-7
     corners = np.array(body.outline.exterior.coords)
     return bool((np.abs((corners[:, 0] - x_m) * dy - (corners[:, 1] - y_m) * dx) < 1e-6).any())
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("flat", [-1.2246e-16, 1e-16, 0.0, -1e-12, 1e-10])
+@pytest.mark.parametrize("swap", [False, True])
+def test_nearly_level_beam_on_a_border_passes_bodies_at_once(flat, swap):
+    shelf = Body("shelf", Box(1.0, 0.4), Pose(0.0, 0.0125 - 0.2, 0.0))  # its edge is within a row of cells
+    grid = OccupancyMap(np.full((200, 200), FREE, dtype=np.int8), 0.025, (-2.5, -2.475))
+    bodies = [replace(shelf, shape=Box(0.4, 1.0), pose=Pose(0.0125 - 0.2, 0.0, 0.0)) if swap else shelf]
+    grid = replace(grid, origin_xy_m=(-2.475, -2.5)) if swap else grid
+    walls, out = walls_of(bodies, grid), np.empty(1)
+    beam = np.array([[flat, 1.0] if swap else [1.0, flat]])
+    at = (100.0, 20.0) if swap else (20.0, 100.0)  # 0.025 m: the border above the shelf's row
+    ranges_to_walls(skip_table_of(walls.occupied, outlines_of(bodies, walls)), *at, beam, 0.0, 400.0, out)
+    assert out[0] == np.inf
 
 
 def test_beam_passes_a_disc_by_a_millimeter_and_ends_on_the_one_behind():
