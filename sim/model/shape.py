@@ -1,13 +1,14 @@
 """Shapes of bodies in the plane, in frames of their own: obstacles', a world's bodies', and movers'."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import shapely
 
 from vastflow.sim.model.elementary import cos_sin, hypot, log
-from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.pose import DECIMALS, Pose
 
 Vertices: TypeAlias = tuple[tuple[float, float], ...]
 
@@ -87,3 +88,15 @@ def outline_at(shape: Shape, pose: Pose) -> shapely.Polygon:
     """Return the outline of a shape at a pose (m)."""
     c, s = (1.0, 0.0) if isinstance(shape, Disc) else cos_sin(pose.yaw_rad)
     return shapely.Polygon([(pose.x_m + (c * x - s * y), pose.y_m + (s * x + c * y)) for x, y in shape.vertices_m])
+
+
+def polygons_about(x_m: float, y_m: float, outline: shapely.Polygon) -> Iterator[Polygon]:
+    """Yield an outline about a place, rounded to `DECIMALS`: in valid parts, or nothing if it has no area then."""
+    rounded = shapely.Polygon(
+        [(round(x - x_m, DECIMALS), round(y - y_m, DECIMALS)) for x, y in outline.exterior.coords]
+    )
+    if not rounded.is_valid:
+        rounded = shapely.make_valid(rounded, method="structure", keep_collapsed=False)
+    for part in shapely.get_parts(rounded):
+        if part.area > 0.0:
+            yield Polygon(tuple(part.exterior.coords[:-1]))

@@ -19,6 +19,9 @@ DISC, EDGE = 0.0, 1.0
 """Kinds of outlines."""
 _HAIR: Final = 1e-6
 """Cells by which an outline is wider where it is looked up: rounding may not lose a cell."""
+LOWEST_M: Final = 0.02
+HIGHEST_M: Final = 0.4
+"""Heights between which a body stands in the way of a robot or its lidar: thresholds are driven over, tables under."""
 LARGEST_CELL_M: Final = 0.025
 """Largest cell of walls that are made of bodies."""
 

@@ -93,6 +93,16 @@ def test_world_of_own_reader_is_kept_and_sent_without_running_it(campaign, tmp_p
             "own.py:Posts",
             "b: expected an area within 20000 m of the origin",
         ),
+        (
+            "return [Body('b', Disc(-0.5), Pose(5.0, 4.0, 0.0))]",
+            "own.py:Posts",
+            r"own\.py: Posts: b: expected an area .* sizes above 0",
+        ),
+        (
+            "return [Body('b', Disc(0.5), Pose(5.0, 4.0, 0.0), 0.4, 1.0)]",
+            "own.py:Posts",
+            r"own\.py: Posts: The world has no body that a robot could meet",
+        ),
         ("raise SystemExit(3)", "own.py:Posts", r"own\.py: Posts: PlugInExit"),
     ],
 )
@@ -100,6 +110,42 @@ def test_unusable_reader_is_one_sentence_at_its_line(campaign, body, name, messa
     said = refused("validate", campaign(body, name))
     assert re.search(rf"room\.vast:\d+:\d+: configuration\[0\].*{message}", said), said
     assert "Traceback" not in said
+
+
+POSED = '"pose": {"x_m": 1, "y_m": 1, "yaw_rad": 0}'
+
+
+@each_row(
+    "shape",
+    [
+        f'{{"radius_m": -0.5}}, {POSED}',
+        f'{{"length_m": -0.5, "width_m": 0.5}}, {POSED}',
+        f'{{"length_m": -0.5, "width_m": -0.5}}, {POSED}',
+        f'{{"vertices_m": [[0, 0], [2, 2], [2, 0], [0, 1]]}}, {POSED}',
+        f'{{"vertices_m": [[0, 0], [2, 2]]}}, {POSED}',
+        f'{{"vertices_m": []}}, {POSED}',
+        f'{{"vertices_m": [[0, 0], [1, 1], [2, 2]]}}, {POSED}',
+        '{"radius_m": 0.5}, "pose": {"x_m": 1, "y_m": 1, "yaw_rad": NaN}',
+        '{"length_m": 0.5, "width_m": 0.5}, "pose": {"x_m": 1, "y_m": 1, "yaw_rad": NaN}',
+        '{"radius_m": 0.5}, "pose": {"x_m": NaN, "y_m": 1, "yaw_rad": 0}',
+        f'{{"radius_m": 0.5}}, {POSED}, "bottom_m": NaN',
+    ],
+)
+def test_body_without_valid_area_is_one_sentence(tmp_path, shape):
+    (tmp_path / "w.bodies.json").write_text(f'[{{"name": "b", "shape": {shape}}}]')
+    with pytest.raises(WorldError, match=r"w\.bodies\.json: b: expected an area .*, got .* at Pose\(.* m$"):
+        world_content(tmp_path / "w.bodies.json")
+
+
+def test_bodies_off_heights_of_robot_are_left_out(tmp_path):
+    heights = {"mat": (0.0, 0.02), "sill": (0.0, 0.021), "table": (0.39, 0.8), "lamp": (0.4, 0.8)}
+    rows = [
+        f'{{"name": "{name}", "shape": {{"radius_m": 0.5}}, {POSED}, "bottom_m": {low}, "top_m": {high}}}'
+        for name, (low, high) in heights.items()
+    ]
+    (tmp_path / "w.bodies.json").write_text(f"[{','.join(rows)}]")
+    content = world_content(tmp_path / "w.bodies.json")
+    assert [body.name for body in read_world(content).bodies] == ["sill", "table"]
 
 
 @each_row(

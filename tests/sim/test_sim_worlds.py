@@ -16,7 +16,7 @@ from vastflow.sim.model.recording import si
 from vastflow.sim.model.shape import Box, Disc, Polygon
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.run import run
-from vastflow.sim.world.bodies import Body, walls_of
+from vastflow.sim.world.bodies import HIGHEST_M, LOWEST_M, Body, walls_of
 from vastflow.sim.world.difference import WorldDifference
 from vastflow.sim.world.environment import world_of
 from vastflow.sim.world.map_file import load_map
@@ -25,7 +25,7 @@ from vastflow.sim.world.readers.circles import Circles
 from vastflow.sim.world.readers.conformance import check_world_reader
 from vastflow.sim.world.readers.reader import WorldError
 from vastflow.sim.world.readers.registry import files_of_world, read_file
-from vastflow.sim.world.readers.sdf import HIGHEST_M, LOWEST_M, Sdf
+from vastflow.sim.world.readers.sdf import Sdf
 from vastflow.sim.world.world import World, map_content, read_grid, read_world, world_content
 
 BOX = "<box><size>2 1 1</size></box>"

@@ -7,7 +7,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from vastflow.sim.model.files import read_bytes
 from vastflow.sim.world.bodies import Body
-from vastflow.sim.world.readers.reader import FARTHEST_M, WorldError
+from vastflow.sim.world.readers.reader import WorldError
 
 BODIES: Final = TypeAdapter(tuple[Body, ...])
 
@@ -24,15 +24,8 @@ class BodyList:
     @staticmethod
     def read(path: Path) -> tuple[Body, ...]:
         try:
-            bodies = BODIES.validate_json(read_bytes(path, "a list of bodies"))
+            return BODIES.validate_json(read_bytes(path, "a list of bodies"))
         except ValidationError as error:
             first = error.errors()[0]
             place = "".join(f"[{part!r}]" for part in first["loc"])
             raise WorldError(f"{path}: {place}: expected bodies, got one where {first['msg']}") from None
-        for body in bodies:
-            outline = body.outline
-            is_near = all(abs(bound) <= 2 * FARTHEST_M for bound in outline.bounds)
-            if not (is_near and outline.area > 0.0 and body.bottom_m < body.top_m):
-                right = f"an area within {2 * FARTHEST_M:g} m of the origin, and heights in order"
-                raise WorldError(f"{path}: {body.name}: expected {right}, got {body.shape} at {body.pose}")
-        return bodies

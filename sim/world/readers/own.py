@@ -14,6 +14,7 @@ from vastflow.sim.plug_ins.registry import FILE, plug_in_file
 from vastflow.sim.plug_ins.snapshot import PlugInFile, snapshot_of
 from vastflow.sim.world.readers.body_list import BODIES
 from vastflow.sim.world.readers.reader import WorldError
+from vastflow.sim.world.readers.registry import checked_bodies
 from vastflow.sim.world.world import world_content
 
 _NAME: Final = "world.bodies.json"
@@ -35,6 +36,7 @@ def world_value(name: str, base: Path) -> FileContent:
         with plug_in_code():
             bodies = tuple(getattr(module_of(snapshot), class_name).read(file))
         content = BODIES.dump_json(bodies, exclude_defaults=True, warnings="error")
+        checked_bodies(bodies, f"{file}: {class_name}")
         folder = Path(platformdirs.user_cache_dir("vastflow"), "worlds", hashlib.sha256(content).hexdigest()[:32])
         keep_folder(folder, {_NAME: content})
     except WorldError:

@@ -1,17 +1,19 @@
 """Readers of maps and worlds by the files' suffixes, and what they read."""
 
+import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from vastflow.sim.model.files import Missing, Unreadable, is_inside
+from vastflow.sim.model.shape import Box, Disc, Polygon
 from vastflow.sim.plug_ins.registry import known_plug_ins
-from vastflow.sim.world.bodies import Body
+from vastflow.sim.world.bodies import HIGHEST_M, LOWEST_M, Body
 from vastflow.sim.world.map_file import RosMap
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.readers.body_list import BodyList
-from vastflow.sim.world.readers.reader import GROUP, MOST_BODIES, MissingWorld, WorldError, WorldReader
+from vastflow.sim.world.readers.reader import FARTHEST_M, GROUP, MOST_BODIES, MissingWorld, WorldError, WorldReader
 
 
 def known_reader(path: Path) -> type[WorldReader]:
@@ -47,11 +49,37 @@ def read_file(path: Path, reader: type[WorldReader] | None = None) -> tuple[Body
         if isinstance(found, OccupancyMap):
             return found
         bodies = tuple(found)
-    if not bodies:
-        raise WorldError(f"{path}: The world has no body that a robot could meet. Expected one or more.")
+    return checked_bodies(bodies, str(path))
+
+
+def checked_bodies(bodies: Sequence[Body], place: str) -> tuple[Body, ...]:
+    """Return the bodies that a robot could meet at its heights; raise a `WorldError` at a place if there are none, too many, or wrong ones."""
     if len(bodies) > MOST_BODIES:
-        raise WorldError(f"{path}: expected {MOST_BODIES:,} bodies at most, got {len(bodies):,}")
-    return bodies
+        raise WorldError(f"{place}: expected {MOST_BODIES:,} bodies at most, got {len(bodies):,}")
+    for body in bodies:
+        if not _is_whole(body):
+            right = f"an area within {2 * FARTHEST_M:g} m of the origin, with sizes above 0 and an outline that does not cross itself, and heights in order"
+            found = f"{body.shape!s:.200} at {body.pose} from {body.bottom_m:g} m to {body.top_m:g} m"
+            raise WorldError(f"{place}: {body.name}: expected {right}, got {found}")
+    if met := tuple(body for body in bodies if body.top_m > LOWEST_M and body.bottom_m < HIGHEST_M):
+        return met
+    raise WorldError(f"{place}: The world has no body that a robot could meet. Expected one or more.")
+
+
+def _is_whole(body: Body) -> bool:
+    numbers, heights_in_order = [body.pose.x_m, body.pose.y_m, body.pose.yaw_rad], body.bottom_m < body.top_m
+    match body.shape:
+        case Disc(radius_m):
+            sizes = [radius_m]
+        case Box(length_m, width_m):
+            sizes = [length_m, width_m]
+        case Polygon(vertices_m):
+            sizes = [len(vertices_m) - 2]
+            numbers += (number for vertex in vertices_m for number in vertex)
+    if not (min(sizes) > 0.0 and heights_in_order and all(map(math.isfinite, numbers + sizes))):
+        return False
+    outline = body.outline
+    return all(abs(bound) <= 2 * FARTHEST_M for bound in outline.bounds) and outline.is_valid and outline.area > 0.0
 
 
 @contextmanager

@@ -20,14 +20,11 @@ from numpy.typing import NDArray
 from vastflow.sim.model.elementary import atan2, cos_sin, dist
 from vastflow.sim.model.files import is_file, is_inside, read_bytes
 from vastflow.sim.model.pose import DECIMALS, Pose
-from vastflow.sim.model.shape import Box, Disc, Polygon, Shape
-from vastflow.sim.world.bodies import Body
+from vastflow.sim.model.shape import Box, Disc, Polygon, Shape, polygons_about
+from vastflow.sim.world.bodies import HIGHEST_M, LOWEST_M, Body
 from vastflow.sim.world.readers.mesh import Triangles, cut, read_mesh, without_holes
 from vastflow.sim.world.readers.reader import FARTHEST_M, MOST_BODIES, WorldError
 
-LOWEST_M: Final = 0.02
-HIGHEST_M: Final = 0.4
-"""Heights between which a collision stands in the way of a robot or its lidar: thresholds are driven over, tables under."""
 MOST_DEPTH: Final = 8
 """Maximum number of files and models that are in one another."""
 MOST_INCLUDES: Final = 10_000
@@ -303,8 +300,8 @@ def _of_mesh(file: _File, shape: Element, to_world: Transform, place: str) -> It
     x_m, y_m = (round(part, DECIMALS) for part in to_world[:2, 3].tolist())
     low_m, high_m = (round(float(end), DECIMALS) for end in (corners[:, :, 2].min(), corners[:, :, 2].max()))
     for part in (piece for each in shapely.get_parts(whole) for piece in without_holes(each)):
-        vertices = tuple((round(x - x_m, DECIMALS), round(y - y_m, DECIMALS)) for x, y in part.exterior.coords[:-1])
-        yield Body(place, Polygon(vertices), Pose(x_m, y_m, 0.0), low_m, high_m)
+        for polygon in polygons_about(x_m, y_m, part):
+            yield Body(place, polygon, Pose(x_m, y_m, 0.0), low_m, high_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -377,9 +374,9 @@ def _cut(solid: _Solid, to_world: Transform, place: str) -> Iterator[Body]:
     edges = [(ring, np.roll(ring, -1, axis=0)) for ring in (low, high)] + [(low, high)]
     points = np.concatenate([_within(a, b) for a, b in edges])
     if len(points) and (hull := shapely.MultiPoint(points[:, :2]).convex_hull).area > 0.0:
-        vertices = tuple((round(x - x_m, DECIMALS), round(y - y_m, DECIMALS)) for x, y in hull.exterior.coords[:-1])
         low_m, high_m = round(float(points[:, 2].min()), DECIMALS), round(float(points[:, 2].max()), DECIMALS)
-        yield Body(place, Polygon(vertices), Pose(x_m, y_m, 0.0), low_m, high_m)
+        for polygon in polygons_about(x_m, y_m, hull):
+            yield Body(place, polygon, Pose(x_m, y_m, 0.0), low_m, high_m)
 
 
 def _moved(to_world: Transform, points: NDArray[np.float64]) -> NDArray[np.float64]:
