@@ -131,6 +131,10 @@ def test_pages_and_campaigns_import_surface_alone():
 NAMED_BEFORE = {
     "vastflow.oracles.conformance": "check_oracle",
     "vastflow.oracles.evidence.rates": "pooled",
+    "vastflow.oracles.judgement.conformance": "check_oracle",
+    "vastflow.oracles.judgement.oracle": "Oracle Parameters",
+    "vastflow.oracles.judgement.registry": "oracle_of",
+    "vastflow.oracles.judgement.verdict": "Verdict",
     "vastflow.oracles.notebook.recorded_tables": "recorded_tables",
     "vastflow.oracles.oracle": "Oracle Parameters oracle_of",
     "vastflow.oracles.rates": "pooled",

@@ -18,6 +18,10 @@ SURFACES: Final = {"vastflow": "__init__.py", "vastflow.plugins": "plugins.py"}
 MOVED: Final[Mapping[str, tuple[str, ...]]] = {
     "vastflow.oracles.conformance": ("vastflow.oracles.judgment.conformance",),
     "vastflow.oracles.evidence.rates": ("vastflow.oracles.statistics.intervals",),
+    "vastflow.oracles.judgement.conformance": ("vastflow.oracles.judgment.conformance",),
+    "vastflow.oracles.judgement.oracle": ("vastflow.oracles.judgment.oracle",),
+    "vastflow.oracles.judgement.registry": ("vastflow.oracles.judgment.registry",),
+    "vastflow.oracles.judgement.verdict": ("vastflow.oracles.judgment.verdict",),
     "vastflow.oracles.notebook.recorded_tables": ("vastflow.oracles.results.executed",),
     "vastflow.oracles.oracle": ("vastflow.oracles.judgment.oracle", "vastflow.oracles.judgment.registry"),
     "vastflow.oracles.rates": ("vastflow.oracles.statistics.intervals",),

@@ -89,11 +89,14 @@ class Walks:
 
 
 def read_walks(directory: Path, configuration: str) -> Walks | None:
-    """The walks of a configuration of the campaign directory `directory`; None where nothing was recorded."""
+    """The walks of a configuration of the campaign directory `directory`; None without a robot, or where nothing was recorded."""
     file = directory / "recordings" / f"{configuration}.parquet"
     if not file.is_file():  # every run of it was broken
         return None
-    index, columns = read_columns(file, ("x_mm", "y_mm"))
+    try:
+        index, columns = read_columns(file, ("x_mm", "y_mm"))
+    except KeyError:  # programs alone
+        return None
     if not len(index):
         return None
     starts = np.r_[0, np.flatnonzero(np.diff(index)) + 1, len(index)]

@@ -72,7 +72,10 @@ class KeptFiles:
         """Return a plug-in as `plug_in_value` does; a name of nothing where it is not asked for, or not kept."""
         for file in files_below(self.inputs) if self._plug_ins else ():
             with suppress(PlugInError):
-                if file.suffix == ".py" and (found := snapshot_of(file, self.inputs)).digest == digest:
+                if (
+                    file.suffix == ".py"
+                    and (found := snapshot_of(file, self.inputs, within=self.inputs)).digest == digest
+                ):
                     return [PlugInFile(str(file), digest, {f"{file}:{name}": found}), name]
         return f"{digest}.py:{name}"
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.sim.model.faults import Got, Invalid
-from vastflow.sim.model.files import Unreadable, read_bytes
+from vastflow.sim.model.files import Unreadable, is_inside, read_bytes
 from vastflow.surface import SURFACES
 
 FILES: Final = "files"
@@ -60,23 +60,24 @@ class Neighbors:
     hidden: list[Hidden] = field(default_factory=list)
 
 
-def neighbors_of(file: Path, code: str | None = None) -> Neighbors:
+def neighbors_of(file: Path, code: str | None = None, within: Path | None = None) -> Neighbors:
     """Follow a plug-in's imports to modules in its folder, and read its declared data files.
 
     Args:
         file: Absolute path.
         code: The Python in it, of a file that is no Python, such as a notebook: there `files` stands at its top.
+        within: Folder that must contain all of it, links followed, such as a stranger's; None for a user's own, which may use others.
 
     Raises:
-        PlugInError: a file can't be read or parsed, or a declaration is wrong.
+        PlugInError: a file can't be read or parsed, lies elsewhere, or a declaration is wrong.
     """
-    found = Neighbors()
+    found, home = Neighbors(), None if within is None else os.path.realpath(within)
     waiting = [file]
     while waiting:
         module = waiting.pop()
         if module in found.modules:
             continue
-        found.modules[module] = _content(module)
+        found.modules[module] = _content(module, home)
         tree = _tree(module, code.encode() if code is not None and module == file else found.modules[module])
         nodes = list(ast.walk(tree))
         inside = module.parent.relative_to(file.parent).parts if module.is_relative_to(file.parent) else ()
@@ -87,11 +88,11 @@ def neighbors_of(file: Path, code: str | None = None) -> Neighbors:
             elif top not in _NEVER_BESIDE:
                 found.outside.add(top)
         for names in _declared(tree, is_notebook=code is not None and module == file):
-            for path in _files(names, module):
+            for path in _files(names, module, home):
                 found.data.setdefault(path, b"")
         found.hidden += _hidden(nodes, module)
     for path in found.data:
-        found.data[path] = _content(path)
+        found.data[path] = _content(path, home)
     return found
 
 
@@ -106,7 +107,13 @@ def _tree(file: Path, content: bytes) -> ast.Module:
         raise PlugInError(f"{where} can't be imported: {type(error).__name__}: {words}") from None
 
 
-def _content(file: Path) -> bytes:
+def _check_within(file: Path, home: str | None) -> None:
+    if home is not None and not is_inside(file, home):
+        raise PlugInError(Got(str(file)), f"a file of a plug-in in {home!r}")
+
+
+def _content(file: Path, home: str | None) -> bytes:
+    _check_within(file, home)
     try:
         return read_bytes(file, "a file of a plug-in", MOST_BYTES)
     except Unreadable as error:
@@ -195,12 +202,13 @@ def _names(value: ast.expr, line: int) -> list[str]:
     raise PlugInError(Got(f"{FILES} = {found} in line {line}"), f'names of files, such as {FILES} = ["limits.json"]')
 
 
-def _files(names: list[str], module: Path) -> Iterator[Path]:
+def _files(names: list[str], module: Path, home: str | None) -> Iterator[Path]:
     """Declared files: each by its name, all below a folder, or what matches a pattern."""
     for name in names:
         if Path(name).is_absolute():
             raise PlugInError(Got(f"{name!r} in {FILES} of {module.name}"), "a path relative to the plug-in's folder")
         place = module.parent / name
+        _check_within(place, home)  # before a folder outside is looked through
         if not _PATTERN.isdisjoint(name):
             found = [each for each in module.parent.glob(name) if each.is_file()]
         elif place.is_dir():

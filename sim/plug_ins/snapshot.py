@@ -96,18 +96,18 @@ class PlugInFile(FileContent):
     plug_ins: Mapping[str, Snapshot] = field(compare=False, default_factory=dict)
 
 
-def snapshot_of(file: Path, campaign: Path, code: str | None = None) -> Snapshot:
+def snapshot_of(file: Path, campaign: Path, code: str | None = None, within: Path | None = None) -> Snapshot:
     """Copy a plug-in and its files in their current state.
 
     Args:
         campaign: The campaign's folder.
-        code: See `vastflow.sim.plug_ins.neighbors.neighbors_of`.
+        code, within: See `vastflow.sim.plug_ins.neighbors.neighbors_of`.
 
     Raises:
         PlugInError: see there; or all of it is too large, or can't be kept anywhere.
     """
     file, campaign = Path(os.path.abspath(file)), Path(os.path.abspath(campaign))
-    found = neighbors_of(file, code)
+    found = neighbors_of(file, code, within)
     contents = {**found.modules, **found.data}
     if (size := sum(map(len, contents.values()))) > MOST_BYTES:
         largest = max(contents, key=lambda path: len(contents[path]))

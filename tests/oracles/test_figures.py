@@ -18,7 +18,9 @@ from vastflow.oracles.query.scene import NO_ZONES, Zones, known_extent_m, read_w
 from vastflow.oracles.results.executed import environment_names
 from vastflow.oracles.results.tables import FAIL, PASS, read_tables
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
+from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Recording, Run
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.world.bodies import Body, Disc
@@ -48,6 +50,13 @@ def test_walks_are_true_paths_of_runs(directory):
     assert line[0].tolist() == [1.0, 2.0] and line[-1].tolist() == pytest.approx([2.9, 2.0])
     assert len(line) == 20
     assert read_walks(directory, "a-2") is None
+
+
+def test_programs_without_a_robot_have_no_walks(tmp_path):
+    (tmp_path / "recordings").mkdir()
+    run = Run(0, "0", "succeeded", 0, "", 1.0, 0.0, 0, 0)
+    (tmp_path / "recordings" / "a-1.parquet").write_bytes(write_recordings([Recording(run, {})]))
+    assert read_walks(tmp_path, "a-1") is None
 
 
 def test_scene_has_counts_and_final_poses(directory):

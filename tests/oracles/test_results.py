@@ -22,7 +22,10 @@ from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import CODES, ConfigurationTable, VerdictTable
 from vastflow.oracles.results.units import units_of
 from vastflow.sim.model.digest import file_digest
+from vastflow.sim.model.files import read_bytes
 from vastflow.sim.model.shape import Box
+from vastflow.sim.plug_ins import neighbors
+from vastflow.sim.plug_ins.snapshot import snapshot_of
 from vastflow.sim.world.readers.reader import WorldError
 from vastflow.sim.world.world import map_content
 
@@ -145,6 +148,25 @@ def test_scenarios_and_situations_of_kept_rows_load_no_plug_in(tmp_path):
     row = {"abstract": "builtin:navigate_to_pose", "scenario": content, "timeout_s": 20.0}
     scenario = scenario_of_row(row, KeptFiles(tmp_path))
     assert situation_of(scenario).movers == {"cart": Box(0.6, 0.4)}  # no file has such a digest
+
+
+def test_kept_plug_in_is_found_and_reads_nothing_outside_of_its_directory(tmp_path, monkeypatch):
+    inputs, secret = tmp_path / "results" / "inputs", tmp_path / "secret.txt"
+    inputs.mkdir(parents=True)
+    secret.write_text("secret")
+    (inputs / "own.py").write_text("class Own(Mover):\n    pass\n")
+    digest = snapshot_of(inputs / "own.py", inputs).digest
+    (inputs / "a.py").write_text('class A(Mover):\n    files = ["../../secret.txt"]\n')
+    (inputs / "b.py").write_text('class B(Mover):\n    files = ["../.."]\n')
+    (inputs / "c.py").write_text("import helper\n")
+    (inputs / "helper.py").symlink_to(secret)
+    read = []
+    monkeypatch.setattr(neighbors, "read_bytes", lambda file, *more: read.append(file.name) or read_bytes(file, *more))
+    found = KeptFiles(inputs.parent, plug_ins=True).plug_in(digest, "Own")
+    assert (found[0].path, found[0].digest, found[1]) == (str(inputs / "own.py"), digest, "Own")
+    assert KeptFiles(inputs.parent, plug_ins=True).plug_in("b" * 64, "Own") == f"{'b' * 64}.py:Own"
+    assert KeptFiles(inputs.parent).plug_in(digest, "Own") == f"{digest}.py:Own"
+    assert {*read} == {"a.py", "b.py", "c.py", "own.py"}
 
 
 @pytest.mark.parametrize("leads_out", ["link to the file", "link to another file", "link to the picture", "image"])

@@ -13,7 +13,7 @@ Reader = type[WorldReader]
 
 
 def check_world_reader(reader: Reader, file: Path) -> None:
-    """Run all `CHECKS` on a reader with a file of its kind; raise an `AssertionError` otherwise, or the `WorldError` of the file."""
+    """Run all `CHECKS` on a reader and its file; raise an `AssertionError` or the file's `WorldError` otherwise."""
     for check in CHECKS:
         check(reader, file)
 

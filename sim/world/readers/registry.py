@@ -53,7 +53,7 @@ def read_file(path: Path, reader: type[WorldReader] | None = None) -> tuple[Body
 
 
 def checked_bodies(bodies: Sequence[Body], place: str) -> tuple[Body, ...]:
-    """Return the bodies that a robot could meet at its heights; raise a `WorldError` at a place if there are none, too many, or wrong ones."""
+    """Return the bodies that a robot could meet; raise a `WorldError` for none, too many, or wrong ones."""
     if len(bodies) > MOST_BODIES:
         raise WorldError(f"{place}: expected {MOST_BODIES:,} bodies at most, got {len(bodies):,}")
     for body in bodies:
