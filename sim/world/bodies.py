@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vastflow.sim.model.elementary import hypots
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.model.shape import Disc, Shape, outline_at
+from vastflow.sim.model.shape import Disc, Shape, outline_at, polygons_about
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, OccupancyMap
 
 DISC, EDGE = 0.0, 1.0
@@ -46,6 +46,27 @@ class Body:
     def outline(self) -> shapely.Polygon:
         """The outline in the map's frame (m)."""
         return outline_at(self.shape, self.pose)
+
+
+def bodies_on(grid: OccupancyMap, bodies: Sequence[Body]) -> tuple[Body, ...]:
+    """Return bodies as far as they stand on a grid: where it ends the world does, for beams, contacts, and clearances.
+
+    A disc about a point of the grid stays whole, as it is nearest to any place of the grid within it; another one becomes a polygon.
+    """
+    rows, columns = grid.shape
+    ground = shapely.Polygon(grid.corners_of(np.array([(0, 0), (0, columns), (rows, columns), (rows, 0)])))
+    shapely.prepare(ground)
+    found: list[Body] = []
+    for body in bodies:
+        x_m, y_m = body.pose.x_m, body.pose.y_m
+        whole = shapely.Point(x_m, y_m) if isinstance(body.shape, Disc) else body.outline
+        if ground.covers(whole):
+            found.append(body)
+            continue
+        for part in shapely.get_parts(body.outline.intersection(ground)):
+            pieces = polygons_about(x_m, y_m, part) if isinstance(part, shapely.Polygon) else ()
+            found += (replace(body, shape=each, pose=Pose(x_m, y_m, 0.0)) for each in pieces)
+    return tuple(found)
 
 
 def walls_of(bodies: Sequence[Body], occupancy: OccupancyMap) -> OccupancyMap:

@@ -11,7 +11,7 @@ import numpy as np
 
 from vastflow.sim.model.digest import FileContent, digest
 from vastflow.sim.world import map_file
-from vastflow.sim.world.bodies import LARGEST_CELL_M, Body, walls_of
+from vastflow.sim.world.bodies import LARGEST_CELL_M, Body, bodies_on, walls_of
 from vastflow.sim.world.difference import WorldDifference, differing
 from vastflow.sim.world.occupancy import FREE, UNKNOWN, OccupancyMap
 from vastflow.sim.world.readers.reader import WorldError
@@ -154,7 +154,10 @@ def read_world(
         check_unchanged(file, world)
         return world
     standing = World(None) if world_file is None else read_world(world_file)
-    return World(read_world(file).map, difference, standing.bodies, standing.map, world_file or file)
+    known, bodies = read_world(file).map, standing.bodies
+    if known is not None and bodies is not None:
+        bodies = bodies_on(known, bodies)
+    return World(known, difference, bodies, standing.map, world_file or file)
 
 
 def check_unchanged(file: FileContent, found: World) -> None:

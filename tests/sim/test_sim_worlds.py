@@ -14,18 +14,22 @@ from table import each_row
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import si
 from vastflow.sim.model.shape import Box, Disc, Polygon
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.run import run
-from vastflow.sim.world.bodies import HIGHEST_M, LOWEST_M, Body, walls_of
+from vastflow.sim.world.bodies import HIGHEST_M, LOWEST_M, Body, distances_to, walls_of
 from vastflow.sim.world.difference import WorldDifference
 from vastflow.sim.world.environment import world_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import FREE, UNKNOWN, OccupancyMap
+from vastflow.sim.world.readers.body_list import BODIES
 from vastflow.sim.world.readers.circles import Circles
 from vastflow.sim.world.readers.conformance import check_world_reader
 from vastflow.sim.world.readers.reader import WorldError
 from vastflow.sim.world.readers.registry import files_of_world, read_file
 from vastflow.sim.world.readers.sdf import Sdf
+from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.world import World, map_content, read_grid, read_world, world_content
 
 BOX = "<box><size>2 1 1</size></box>"
@@ -370,6 +374,33 @@ def test_robot_drives_round_wall_that_only_its_world_has(tmp_path, scenario):
 
 def test_body_off_map_is_no_wall():
     assert not walls_of([Body("b", Disc(0.5), Pose(50.0, 0.0, 0.0))], EMPTY).occupied.any()
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.3])
+def test_world_ends_at_border_of_map_for_beams_motion_and_clearances(tmp_path, yaw_rad):
+    known = write_map(tmp_path, np.zeros((80, 80), np.int8))
+    known.write_text(known.read_text().replace("[0.0, 0.0, 0.0]", f"[0.0, 0.0, {yaw_rad}]"))
+    grid = load_map(known)
+    bodies = [
+        Body(name, shape, Pose(*grid.frame.to_map(*at), yaw_rad))
+        for name, shape, at in [
+            ("beyond", Box(0.5, 3.0), (4.30, 2.0)),
+            ("across", Box(1.0, 1.0), (2.0, -0.4)),
+            ("disc", Disc(0.3), (0.5, 4.1)),
+            ("whole", Disc(0.3), (0.5, 1.0)),
+        ]
+    ]
+    file = tmp_path / "w.bodies.json"
+    file.write_bytes(BODIES.dump_json(tuple(bodies), exclude_defaults=True))
+    world = world_of({"map_file": map_content(known), "world": world_content(file)})
+    assert [body.name for body in world.bodies] == ["across", "disc", "whole"]
+    assert world.bodies[2] == bodies[3]
+    east = [grid.frame.to_map(3.9, 2.0)]
+    assert distances_to(world.bodies, np.array(east))[0] > 1.0
+    box, disc, _ = (body.outline.area for body in world.bodies)
+    assert box == pytest.approx(0.1, abs=1e-6) and disc < math.pi * 0.09 / 2
+    index = prepare(world, Lidar(), NavParameters()).walls
+    assert len(index.rectangles) == 3 and index.rectangles[:2].min() > -1e-6 and index.rectangles[:2].max() < 4.0 + 1e-6
 
 
 def test_maze_of_mrpb_has_walls_of_its_map():
