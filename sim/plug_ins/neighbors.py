@@ -171,13 +171,13 @@ def _executed(name: str, root: Path) -> Iterator[Path]:
 
 
 def _declared(tree: ast.Module, is_notebook: bool) -> Iterator[list[str]]:
-    """Yield the declarations `files` of subclasses and at a notebook's top, except in parameter models."""
+    """Yield the declarations `files` of subclasses, of readers, and at a notebook's top, except in parameter models."""
     bodies = [
         node.body
         for node in tree.body
         if isinstance(node, ast.ClassDef)
-        and node.bases
-        and not ast.unparse(node.bases[0]).endswith(("Parameters", "Model"))
+        and not any(ast.unparse(base).endswith(("Parameters", "Model")) for base in node.bases[:1])
+        and (node.bases or any(isinstance(each, ast.FunctionDef) and each.name == "read" for each in node.body))
     ]
     for body in [tree.body] if is_notebook else bodies:
         for statement in body:

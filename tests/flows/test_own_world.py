@@ -10,6 +10,7 @@ from table import each_row
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.oracles.results.executed import KeptFiles
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.world.readers.reader import WorldError
 from vastflow.sim.world.world import read_world, world_content
 from vastflow.tasks.engine.bundle import Packer
@@ -19,6 +20,8 @@ READER = """\
 from vastflow.plugins import Body, Disc, Pose
 
 class Posts:
+    files = ["radius.txt"]
+
     @staticmethod
     def read(path):
         {body}
@@ -63,6 +66,22 @@ def test_bodies_of_own_reader_are_world_by_their_content(campaign, tmp_path):
     assert again.digest == found.digest != other.digest
     (tmp_path / "c.csv").write_text("".join(f"{x},1,0.125\n" for x in range(3)))
     assert world_content(tmp_path / "c.csv").digest == found.digest
+
+
+def test_file_of_own_reader_is_kept_with_it(campaign):
+    file = campaign()
+    found, inputs = world_of_family(file)
+    assert inputs.files["radius.txt"] == b"0.125"
+    (file.parent / "radius.txt").write_text("0.25")
+    other, _ = world_of_family(file)
+    assert other.digest != found.digest
+
+
+def test_undeclared_file_of_own_reader_is_named(campaign):
+    file = campaign()
+    (file.parent / "own.py").write_text(READER.format(body=POSTS).replace("files =", "others ="))
+    with pytest.raises(FileError, match=r"Posts: own\.py reads 'radius\.txt', which it does not declare.* files = "):
+        read_campaign(file)
 
 
 def test_world_of_own_reader_is_kept_and_sent_without_running_it(campaign, tmp_path):
