@@ -25,7 +25,7 @@ from vastflow.sim.scenario.programs.folders import (
 )
 from vastflow.sim.scenario.programs.run import process_run
 from vastflow.sim.world.map_file import load_map
-from vastflow.sim.world.world import map_content
+from vastflow.sim.world.world import map_content, world_content
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -252,3 +252,36 @@ def test_file_that_changed_or_is_gone_is_not_copied(campaign, tmp_path):
     (campaign / "run.py").unlink()
     with pytest.raises(ScenarioError, match=r"run\.py' can't be copied: no such file"):
         copy_in(files, tmp_path / "copy")
+
+
+@pytest.mark.parametrize("uri", ["model://crate", "post.sdf"])
+def test_world_is_handed_to_programs_with_what_it_includes(tmp_path, uri):
+    crate = (
+        "<sdf version='1.6'><model name='c'><link name='l'><collision name='c'><geometry><box><size>1 1 1</size></box>"
+    )
+    crate += "</geometry></collision></link></model></sdf>"
+    for place in ("models/crate/model.sdf", "worlds/post.sdf"):
+        (tmp_path / place).parent.mkdir(parents=True)
+        (tmp_path / place).write_text(crate)
+    file = tmp_path / "worlds" / "w.sdf"
+    file.write_text(f"<sdf version='1.6'><world name='w'><include><uri>{uri}</uri></include></world></sdf>")
+    content = world_content(file)
+    with process_run(ProcessSetup(), {"world": content}, where=tmp_path) as run:
+        for place in (run.folders.config, run.folders.out):
+            assert world_content(place / handed_name("world", content)).digest == content.digest
+        assert run.close().outputs.files == {}
+
+
+def test_world_that_cannot_lie_in_one_folder_is_not_handed_to_programs(tmp_path):
+    box = "<model name='c'><link name='l'><collision name='c'><geometry><box><size>1 1 1</size></box></geometry></collision></link></model>"
+    (tmp_path / "worlds").mkdir()
+    (tmp_path / "post.sdf").write_text(f"<sdf version='1.6'>{box}</sdf>")
+    (tmp_path / "worlds" / "w.sdf").write_text(
+        "<sdf version='1.6'><world name='w'><include><uri>../post.sdf</uri></include></world></sdf>"
+    )
+    content = world_content(tmp_path / "worlds" / "w.sdf")
+    with (
+        pytest.raises(ScenarioError, match=r"world: '.*w\.sdf' can't be copied: .*There is no file '\.\./post\.sdf'"),
+        process_run(ProcessSetup(), {"world": content}, where=tmp_path),
+    ):
+        pass

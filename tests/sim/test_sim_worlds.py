@@ -249,7 +249,7 @@ def test_world_of_too_many_bodies_is_refused(monkeypatch, sdf):
 HOSTILE = [
     ("<model name='m'>" * 100_000 + "</model>" * 100_000, "8 files and models in one another at most"),
     ("<model name='m'/>" * 1_000_000, "has no body that a robot could meet"),
-    ("<include><uri>empty.sdf</uri></include>" * 20_000, "10,000 includes at most"),
+    ("<include><uri>empty.sdf</uri></include>" * 20_000, "10,000 includes and meshes at most"),
 ]
 
 
@@ -260,6 +260,14 @@ def test_hostile_world_is_one_sentence(tmp_path, text, message):
     with pytest.raises(WorldError, match=r"w\.sdf") as error:
         read_file(tmp_path / "w.sdf")
     assert message in str(error.value) and len(str(error.value)) < 300
+
+
+@pytest.mark.parametrize("named", ["<include><uri>empty.sdf</uri></include>", "<mesh><uri>empty.sdf</uri></mesh>"])
+def test_files_of_hostile_world_are_bounded(tmp_path, named):
+    (tmp_path / "empty.sdf").write_text("<sdf version='1.6'/>")
+    (tmp_path / "w.sdf").write_text(f"<sdf version='1.6'><collision>{named * 20_000}</collision></sdf>")
+    with pytest.raises(WorldError, match=r"w\.sdf: expected 10,000 includes and meshes at most, got more"):
+        files_of_world(tmp_path / "w.sdf")
 
 
 def test_world_of_more_bodies_than_allowed_is_refused(sdf):

@@ -20,10 +20,13 @@ from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.files import Unreadable, copy_file, read_text, yaml_value
 from vastflow.sim.model.scenario import RunFiles
+from vastflow.sim.world.environment import WORLD_KEY
+from vastflow.sim.world.readers.registry import files_of_world
 from vastflow.sim.world.world import check_unchanged, world_at
 
 CONFIG: Final = "/config"
 """Folder of the run files, as programs see it."""
+_ABOVE: Final = re.compile(r"^(\.\./)+")
 OUT: Final = "/out"
 """Folder that programs write to, as they see it."""
 _NAMED: Final = re.compile(rb"/(?:config|out)(?![\w-])")
@@ -157,10 +160,10 @@ def handed_name(key: str, content: FileContent) -> str:
 
 
 def hand_over(handed: Mapping[str, FileContent], folder: Path) -> None:
-    """Copy the files by key below `folder`, a map with its picture.
+    """Copy the files by key below `folder`, a map with its picture, a world with what it includes.
 
     Raises:
-        ScenarioError: one is gone, or a map changed since the campaign was read.
+        ScenarioError: one is gone, a map or world changed since the campaign was read, or its files can't lie in one folder.
     """
     for key, content in handed.items():
         source, target = Path(content.path), folder / handed_name(key, content)
@@ -168,6 +171,11 @@ def hand_over(handed: Mapping[str, FileContent], folder: Path) -> None:
             header = _map_header(source)
             if header is None:
                 copy_file(source, target)
+                included = files_of_world(source)[1:] if key == WORLD_KEY else ()
+                for file in included:  # a folder of models beside the world's is looked for in its own, too
+                    copy_file(file, target.parent / _ABOVE.sub("", os.path.relpath(file, source.parent)))
+                if included:
+                    check_unchanged(content, world_at(target))
                 continue
             picture = source.parent / header["image"]
             copied = target.with_suffix(picture.suffix)

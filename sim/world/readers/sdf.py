@@ -28,7 +28,7 @@ from vastflow.sim.world.readers.reader import FARTHEST_M, MOST_BODIES, WorldErro
 MOST_DEPTH: Final = 8
 """Maximum number of files and models that are in one another."""
 MOST_INCLUDES: Final = 10_000
-"""Maximum number of includes, as files that include each other often take forever."""
+"""Maximum number of includes and meshes, as files that include each other often take forever."""
 MOST_FILE_BYTES: Final = 64 * 2**20
 NOTHING_STANDS: Final = {"sun", "ground_plane", "ground plane"}
 """Models of Gazebo's collections that nearly each world includes: a light, and a level floor."""
@@ -59,13 +59,14 @@ class Sdf:
 
     @staticmethod
     def files(path: Path) -> list[Path]:
-        found, tree = [path], _Tree(path.parent)
+        found, known, tree = [path], {path}, _Tree(path.parent)
         meshes: dict[Path, None] = {}
         for each in found:  # grows
             file = _File(each, tree)
             standing = filter(_stands, _root(file).iter("include"))
-            included = (_included(file, include, "include").path for include in standing)
-            found += [one for one in dict.fromkeys(included) if one not in found]
+            included = dict.fromkeys(_included(file, include, "include").path for include in standing)
+            found += [one for one in included if one not in known]
+            known.update(included)
             named = (mesh for collision in _root(file).iter("collision") for mesh in collision.iter("mesh"))
             meshes |= dict.fromkeys(_included(file, mesh, "mesh").path for mesh in named)
         return [*found, *meshes]
@@ -78,7 +79,7 @@ class _Tree:
     Attributes:
         folder: The world's, in which the models are that it includes.
         meshes: Triangles of each mesh.
-        includes: Number of includes so far.
+        includes: Number of includes and meshes so far.
         triangles: Number of triangles so far.
     """
 
@@ -166,9 +167,6 @@ def _models(
     for include in filter(_stands, parent.findall("include")):
         name = _joined(above, include, include.findtext("name") or include.findtext("uri") or "include")
         included = _included(file, include, name)
-        file.tree.includes += 1
-        if file.tree.includes > MOST_INCLUDES:
-            raise file.error(f"expected {MOST_INCLUDES:,} includes at most, got more")
         # The pose of an include takes the place of the model's own.
         model = _first_model(included)
         own_pose = moved.get(include.findtext("name") or model.get("name") or "")
@@ -190,7 +188,10 @@ def _joined(above: str, element: Element, name: str = "") -> str:
 
 
 def _included(file: _File, include: Element, name: str) -> _File:
-    """Return the file that an include names: a file, or a folder of a model with `model.sdf`."""
+    """Return the file that an include or a mesh names: a file, or a folder of a model with `model.sdf`."""
+    file.tree.includes += 1
+    if file.tree.includes > MOST_INCLUDES:
+        raise file.error(f"expected {MOST_INCLUDES:,} includes and meshes at most, got more")
     uri = (include.findtext("uri") or "").strip()
     inner = uri.removeprefix("file://").removeprefix("model://")
     if not inner or "://" in inner:
