@@ -19,7 +19,7 @@ from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.system.robot import lidar_of, robot_of
 from vastflow.sim.plug_ins.loading import code_value
 from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of, plain_value
-from vastflow.sim.reading.movers import movers_of
+from vastflow.sim.reading.movers import MOVERS_KEY, movers_of
 from vastflow.sim.reading.script import NAVIGATIONS, Script, calls_of, script_of
 from vastflow.sim.reading.vocabulary import WORLDLY
 from vastflow.sim.system.robot import RobotParameters
@@ -151,7 +151,9 @@ def _robot(scenario: Scenario, script: Script) -> RobotSetup:
     robot, lidar = robot_of(parameters), lidar_of(parameters)
     if parameters.robot != _NOT_DESCRIBED:  # what is described is in the robot and the scanner
         parameters = parameters.model_copy(update={"robot": _NOT_DESCRIBED})
-    world = scenario.environment.get(WORLD_KEY)
+    world, movers = scenario.environment.get(WORLD_KEY), movers_of(scenario.environment)
+    if both := {body.name for body in movers} & {obstacle.name for obstacle in script.obstacles}:
+        raise ScenarioError(f"{MOVERS_KEY}: expected names that no obstacle has, got {min(both)!r}")
     return RobotSetup(
         content,
         script.start,
@@ -161,7 +163,7 @@ def _robot(scenario: Scenario, script: Script) -> RobotSetup:
         difference_of(world),
         masks,
         world_file_of(world),
-        movers_of(scenario.environment),
+        movers,
     )
 
 

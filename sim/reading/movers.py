@@ -12,6 +12,7 @@ from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.parameter import complaints
 from vastflow.sim.model.shape import Box, Disc
+from vastflow.sim.nav2.parameter_files.reader import shown
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import plug_in_value
 from vastflow.sim.world.mover import MOVER_PLUG_INS, Mover, MovingBody, ReactiveMover
@@ -22,6 +23,8 @@ WAYPOINTS: Final = "waypoints"
 _OWN: Final = ("name", "shape", "rule")
 _SIZES: Final = (("radius_m",), ("length_m", "width_m"))
 LARGEST_M: Final = 1000.0
+_TAKEN: Final = r"wall|cylinder [\d.e+-]+ m|box [\d.e+-]+ x [\d.e+-]+ m"
+"""What contacts with walls and columns of obstacles' sizes are called."""
 
 
 def movers_of(environment: Mapping[str, Value]) -> tuple[MovingBody, ...]:
@@ -56,17 +59,19 @@ def movers_value(value: Value, base: Path) -> Value:
 def _bodies(value: Value) -> Iterator[tuple[str, Mapping[str, Value], str, Disc | Box]]:
     """Yield the place, entry, name, and shape of each mover."""
     if not isinstance(value, Sequence) or isinstance(value, str):
-        raise ScenarioError(f"{MOVERS_KEY}: expected a list of movers, got {value!r}")
+        raise ScenarioError(f"{MOVERS_KEY}: expected a list of movers, got {shown(value)}")
     names: set[str] = set()
     for k, entry in enumerate(value):
         place = f"{MOVERS_KEY}[{k}]"
         if not isinstance(entry, Mapping):
-            raise ScenarioError(f"{place}: expected a mapping with name, shape, and waypoints, got {entry!r}")
+            raise ScenarioError(f"{place}: expected a mapping with name, shape, and waypoints, got {shown(entry)}")
         name = entry.get("name")
         if not isinstance(name, str) or not re.fullmatch(r"[\w .-]+", name):
-            raise ScenarioError(f"{place}.name: expected letters, digits, blanks, '.', '_', or '-', got {name!r}")
+            raise ScenarioError(f"{place}.name: expected letters, digits, blanks, '.', '_', or '-', got {shown(name)}")
         if name in names:
             raise ScenarioError(f"{place}.name: expected a name of its own, got {name!r} again")
+        if re.fullmatch(_TAKEN, name):
+            raise ScenarioError(f"{place}.name: expected a name that no wall or obstacle has in a report, got {name!r}")
         names.add(name)
         yield place, entry, name, _shape(entry.get("shape"), f"{place}.shape")
 
@@ -76,7 +81,7 @@ def _shape(value: Value, place: str) -> Disc | Box:
     good = all(isinstance(size, int | float) and not isinstance(size, bool) and 0 < size <= LARGEST_M for size in sizes)
     if not isinstance(value, Mapping) or not sizes or not good:
         right = f"{{radius_m: …}} or {{length_m: …, width_m: …}} above 0 and up to {LARGEST_M:g}"
-        raise ScenarioError(f"{place}: expected {right}, got {value!r}")
+        raise ScenarioError(f"{place}: expected {right}, got {shown(value)}")
     numbers = {key: float(size) for key, size in value.items() if isinstance(size, int | float)}
     return Disc(**numbers) if "radius_m" in numbers else Box(**numbers)
 
@@ -97,7 +102,7 @@ def _rule(entry: Mapping[str, Value], place: str) -> Mover | ReactiveMover:
         rule = kind(**given)
     except ValidationError as error:
         key, right = next(complaints(kind, error))
-        raise ScenarioError(f"{place}.{key}: expected {right}, got {given.get(key)!r}") from None
+        raise ScenarioError(f"{place}.{key}: expected {right}, got {shown(given.get(key))}") from None
     if not isinstance(rule, Mover | ReactiveMover):
         raise ScenarioError(f"{place}.rule: expected a subclass of Mover or ReactiveMover, got {kind.__name__}")
     return rule

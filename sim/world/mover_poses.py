@@ -12,6 +12,7 @@ from vastflow.sim.model.pose import GridFrame, Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns
 from vastflow.sim.world.mover import Mover, MovingBody, ReactiveMover, Sight
+from vastflow.sim.world.readers.reader import FARTHEST_M
 
 AHEAD_TICKS: Final = 200
 """Ticks for which rules of time are asked at once; a body that reacts is asked tick by tick."""
@@ -63,8 +64,8 @@ class MoverPoses:
                 places = ((pose.x_m, pose.y_m, pose.yaw_rad) for pose in (own, robot))
                 found = body.rule.step(Sight((now - 1) * TICK_S, *places), TICK_S)
             x_m, y_m, yaw_rad = map(float, found)
-            if not all(map(math.isfinite, (x_m, y_m, yaw_rad))):
-                raise ValueError(f"got {found}")
+            if not (abs(x_m) <= FARTHEST_M and abs(y_m) <= FARTHEST_M and math.isfinite(yaw_rad)):
+                raise ValueError(f"expected numbers, and a place within {FARTHEST_M:g} m, got {found}")
         except Exception as error:
             what = f"expected x, y, and yaw at {now * TICK_S:g} s, got {type(error).__name__}: {error}"
             raise ScenarioError(f"mover {body.name!r}: {what}") from error

@@ -12,8 +12,11 @@ from pydantic import Field, field_validator
 from vastflow.sim.model.elementary import atan2, dist
 from vastflow.sim.model.parameter import parameter
 from vastflow.sim.world.mover import Mover, Place
+from vastflow.sim.world.readers.reader import FARTHEST_M
 
 MOST_WAYPOINTS: Final = 1000
+SHORTEST_M: Final = 1e-6
+"""Least distance of two waypoints; nearer ones are the same."""
 
 Point: TypeAlias = tuple[float, float]
 
@@ -47,8 +50,10 @@ class Waypoints(Mover):
     @field_validator("waypoints")
     @classmethod
     def _apart(cls, waypoints: tuple[Point, ...]) -> tuple[Point, ...]:
-        for k, (here, there) in enumerate(pairwise(waypoints), 1):
-            if here == there:
+        for k, there in enumerate(waypoints):
+            if not max(map(abs, there)) <= FARTHEST_M:
+                raise ValueError(f"waypoints within {FARTHEST_M:g} m of the origin, got {list(there)} at index {k}")
+            if k and dist(waypoints[k - 1], there) < SHORTEST_M:
                 raise ValueError(f"waypoints that differ from the one before, got {list(there)} again at index {k}")
         return waypoints
 
@@ -74,7 +79,7 @@ class Waypoints(Mover):
 
     def _phases(self) -> Iterator[_Phase]:
         points = [*self.waypoints]
-        if self.loop == "around" and points[0] != points[-1]:
+        if self.loop == "around" and dist(points[0], points[-1]) >= SHORTEST_M:
             points.append(points[0])
         yaws_rad = [atan2(there[1] - here[1], there[0] - here[0]) for here, there in pairwise(points)]
         legs = [((*a, yaw), (*b, yaw)) for (a, b), yaw in zip(pairwise(points), yaws_rad, strict=True)]

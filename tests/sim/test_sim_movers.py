@@ -24,14 +24,15 @@ from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.model.shape import Box, Disc
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.reading.checked import checked_digest
+from vastflow.sim.reading.checked import checked_digest, checked_of
 from vastflow.sim.reading.movers import movers_of
 from vastflow.sim.replay import Box as View
 from vastflow.sim.replay import replay
 from vastflow.sim.run import run
 from vastflow.sim.world.motion import TOUCHING
-from vastflow.sim.world.mover import MovingBody, ReactiveMover
+from vastflow.sim.world.mover import Mover, MovingBody, ReactiveMover
 from vastflow.sim.world.mover_conformance import check_mover
+from vastflow.sim.world.mover_poses import MoverPoses
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
 from vastflow.sim.world.waypoints import Waypoints
@@ -296,6 +297,29 @@ class Counts(Waypoints):
 COUNTED = {}
 
 
+def test_round_that_ends_where_it_begins_has_no_further_leg():
+    points = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1e-200))
+    assert Waypoints(waypoints=points, loop="around").pose_at(2.0 + math.sqrt(2.0)) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("place", [(2.2e6, 0.0, 0.0), (0.0, -1e300, 0.0), (math.nan, 0.0, 0.0), (0.0, 0.0, math.inf)])
+def test_rule_that_leaves_the_world_ends_the_run_with_its_name_and_time(place):
+    class Leaves(Mover):
+        def pose_at(self, t_s):
+            return place if t_s >= 1.0 else (0.0, 0.0, 0.0)
+
+    poses = MoverPoses((MovingBody("far", Disc(0.2), Leaves()),), FLOOR.frame, 40)
+    with pytest.raises(ScenarioError, match=r"mover 'far': expected x, y, and yaw at 1 s, got .* within 10000 m, got"):
+        poses.look_ahead(0, Pose(0.0, 0.0))
+
+
+def test_mover_named_as_an_obstacle_is_refused(two_rooms):
+    post = {"entity_name": "cart", "model": "cylinder", "spawn_pose": {"x": 5.0, "y": 5.0}}
+    given = scenario_in(two_rooms, static_objects=[post])
+    with pytest.raises(ScenarioError, match="movers: expected names that no obstacle has, got 'cart'"):
+        checked_of(given)
+
+
 class Nowhere(Waypoints):
     def pose_at(self, t_s):
         return math.nan, 0.0, 0.0
@@ -336,6 +360,18 @@ def test_rule_without_a_pose_ends_the_run_with_its_name_and_time():
             {"waypoints": [[1, 2], [1, 2]]},
             r"movers\[0\].waypoints: expected waypoints that differ .* got \[1.0, 2.0\] again",
         ),
+        (
+            {"waypoints": [[1, 2], [1, 2 + 1e-9]]},
+            r"waypoints: expected waypoints that differ from the one before, got \[1.0, 2.0.*\] again at index 1",
+        ),
+        (
+            {"waypoints": [[1, 2], [1, -10_001]]},
+            r"waypoints: expected waypoints within 10000 m of the origin, got \[1.0, -10001.0\] at index 1",
+        ),
+        ({"waypoints": [[float(k), 0.0] for k in range(100_000)]}, r"waypoints: expected .{,200}$"),
+        ({"name": "wall"}, r"movers\[0\].name: expected a name that no wall or obstacle has in a report, got 'wall'"),
+        ({"name": str(Disc(0.2))}, r"no wall or obstacle has in a report, got 'cylinder 0.4 m'"),
+        ({"name": str(Box(0.25, 1e-5))}, r"no wall or obstacle has in a report, got 'box 0.25 x 1e-05 m'"),
         ({"waypoints": [[1, 2], [1, "far"]]}, r"movers\[0\].waypoints: expected a number at index 1"),
         ({"speed_m_s": 0}, r"movers\[0\].speed_m_s: expected a number in \[0.001, 100\], got 0"),
         ({"loop": "forth"}, r"movers\[0\].loop: expected 'once', 'back_and_forth' or 'around', got 'forth'"),
