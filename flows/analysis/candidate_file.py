@@ -25,13 +25,13 @@ from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import FileError, message_of
 from vastflow.sim.model.files import copy_file, files_below
 from vastflow.sim.system.keys import FILE_KEY, MASK_KEYS
-from vastflow.sim.world.environment import MAP_KEY
+from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY
 from vastflow.sim.world.readers.registry import files_of_world
 
 FAMILY: Final = "minimal"
 FILE: Final = "minimal.vast"
-_MAPS: Final[Mapping[str, str]] = {MAP_KEY: "map", **{key: key for key in MASK_KEYS}}
-"""Keys of maps to their folders beside the campaign file."""
+_MAPS: Final[Mapping[str, str]] = {MAP_KEY: "map", **{key: key for key in (WORLD_KEY, *MASK_KEYS)}}
+"""Keys of maps and worlds to their folders beside the campaign file."""
 _OTHERS: Final = ("local", FILE_KEY)
 """Keys of `execution` that are among the values."""
 
@@ -90,12 +90,12 @@ class CandidateFiles:
         if FILE_KEY in values:
             execution[FILE_KEY] = placed(failing.campaign["execution"][FILE_KEY], failing.places)
             del values[FILE_KEY]
-        for key in values.keys() & _MAPS.keys():
-            values[key] = f"{_MAPS[key]}/{Path(values[key].path).name}"
+        for key, content in _maps_of(values).items():
+            values[key] = _place(failing.directory, key, content).as_posix()
         tags = {key: subject.dimensions[key] for key in values}
         family: dict[str, Any] = {
             "name": FAMILY,
-            "parameters": [{key: _plain(value)} for key, value in values.items()],
+            "parameters": [{key: _plain(value, failing.directory)} for key, value in values.items()],
             "dimensions": {key: tag for key, tag in tags.items() if dimension_of(key, values[key], None) != tag},
             "start_check": failing.start_check,
         }
@@ -118,11 +118,10 @@ def candidate_files(failing: Failing) -> Iterator[CandidateFiles]:
         folder = Path(place).resolve()
         for file in files_below(inputs := failing.directory / "inputs"):
             copy_permitted(file, folder / file.relative_to(inputs))
-        for key in failing.subject.values.keys() & _MAPS.keys():
-            content = failing.subject.values[key]
-            assert isinstance(content, FileContent)
-            for file in files_of_world(Path(content.path)):
-                copy_file(file, folder / _MAPS[key] / file.name)
+        for key, content in _maps_of(failing.subject.values).items():
+            beside = folder / _place(failing.directory, key, content).parent
+            for file in files_of_world(Path(content.path)) if beside == folder / _MAPS[key] else ():
+                copy_file(file, beside / file.name)
         yield CandidateFiles(failing, folder)
 
 
@@ -139,7 +138,21 @@ def placed(value: Any, places: Mapping[str, str]) -> Any:
     return value if path not in places else f"{places[path]}:{kind}" if separator else places[path]
 
 
-def _plain(value: Any) -> Any:
+def _maps_of(values: Mapping[str, Any]) -> dict[str, FileContent]:
+    return {key: values[key] for key in _MAPS if isinstance(values.get(key), FileContent)}
+
+
+def _place(directory: Path, key: str, content: FileContent) -> Path:
+    """Return the place of a map or world beside the campaign file: of a world its own among the inputs, for what it includes."""
+    path, inputs = Path(content.path), directory / "inputs"
+    beside = key == WORLD_KEY and path.is_relative_to(inputs)
+    return path.relative_to(inputs) if beside else Path(_MAPS[key], path.name)
+
+
+def _plain(value: Any, directory: Path) -> Any:
+    match value:
+        case [FileContent() as file, str() as name]:  # a plug-in
+            return f"{Path(file.path).relative_to(directory / 'inputs').as_posix()}:{name}"
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+        return {key: _plain(item, directory) for key, item in value.items()}
+    return [_plain(item, directory) for item in value] if isinstance(value, list | tuple) else value

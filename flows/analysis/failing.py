@@ -21,7 +21,7 @@ from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.plug_ins.loading import check_permitted
 from vastflow.sim.system.keys import FILE_KEY, MASK_KEYS
 from vastflow.sim.system.system import system_of
-from vastflow.sim.world.environment import MAP_KEY
+from vastflow.sim.world.environment import GROUND_KEYS, MAP_KEY
 
 MESH_KEY = "mesh_file"
 """Ignored by runs, see `vastflow.producers.instantiation.family`."""
@@ -72,7 +72,7 @@ def failing_configuration(directory: Path, name: str, oracle: str | None, rate: 
         campaign = yaml_value(content.decode("utf-8-sig"))
         families = {str(each.get("name")): each for each in campaign.get("configuration") or ()}
         metadata = read_json(directory / "metadata.json")
-        scenario = scenario_of_row(row, KeptFiles(directory))
+        scenario = scenario_of_row(row, KeptFiles(directory, plug_ins=True))
         return Failing(
             directory,
             row["name"],
@@ -129,7 +129,7 @@ def _subject(place: str, scenario: Scenario) -> Subject:
         "system": system_of(scenario.system).spelled_out(),
     }
     values = {key: value for part in parts.values() for key, value in part.items() if key != MESH_KEY}
-    kept = (MAP_KEY, FILE_KEY, *MASK_KEYS)
+    kept = (*GROUND_KEYS, FILE_KEY, *MASK_KEYS)
     files = [key for key, value in values.items() if isinstance(value, FileContent) and key not in kept]
     if files or MAP_KEY not in values:
         what = f"its value of {files[0]} is a file" if files else "it has no map and thus no robot"

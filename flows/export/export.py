@@ -24,6 +24,7 @@ from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.archive import members_of
 from vastflow.sim.model.blocks import read_block
+from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.model.files import copy_file, files_below, open_file, yaml_value
 from vastflow.sim.model.names import did_you_mean
@@ -52,7 +53,7 @@ class ExportSource:
             self._verdicts = defaultdict(lambda: defaultdict(list))
             for verdict in tables.verdicts.rows():
                 self._verdicts[verdict["configuration"]][verdict["run_index"]].append(verdict)
-        self._files = KeptFiles(directory)
+        self._files = KeptFiles(directory, plug_ins=True)
         self._logs = KeptLogs(directory)
         self._names: dict[str, str] = {}
 
@@ -144,7 +145,15 @@ class ExportSource:
             yield read
 
     def _with_paths(self, value: Any) -> Any:
-        """`value` with `{"file": digest}` as the place of that file; left alone where it is not kept."""
+        """`value` with `{"file": digest}` as the place of that file; left alone where it is not kept.
+
+        A plug-in, `[{"file": digest}, name]`, is the text `file.py:name`.
+        """
+        match value:
+            case [{"file": str(digest)}, str(name)]:
+                match self._files.plug_in(digest, name):
+                    case [FileContent(path=path), _]:
+                        return f"{self._place(Path(path))}:{name}"
         if isinstance(value, dict):
             if set(value) == {"file"}:
                 with suppress(ValueError):

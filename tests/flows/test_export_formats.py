@@ -1,6 +1,7 @@
 """Export formats as plug-ins: found by name or in a file, held to one contract."""
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,14 @@ from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.export.conformance import CHECKS, sample_campaigns
+from vastflow.flows.export.export import ExportSource
 from vastflow.flows.export.format import Format, format_of
 from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.recording import Outputs, Recording, Run
+from vastflow.sim.plug_ins.snapshot import snapshot_of
 
 NAMES = """from vastflow.plugins import ExportedCampaign, Format
 
@@ -153,3 +156,13 @@ def test_conformance_finds_a_format_that_breaks_the_contract(check, do, words):
 def test_format_without_a_name_or_file_is_a_user_error():
     with pytest.raises(UserError, match="Unknown format ''"):
         format_of("", Path())
+
+
+def test_exported_rule_of_own_file_is_its_name(results, tmp_path):
+    inputs = shutil.copytree(results, tmp_path / "copy") / "inputs"
+    inputs.mkdir(exist_ok=True)
+    (inputs / "pacer.py").write_text("class Pacer:\n    pass\n")
+    source = ExportSource(inputs.parent)
+    rule = [{"file": snapshot_of(inputs / "pacer.py", inputs).digest}, "Pacer"]
+    scenario = {"environment": {"movers": [{"rule": rule}]}, "task": {}, "system": {}}
+    assert source.values_of({"scenario": scenario}) == {"movers": [{"rule": "pacer.py:Pacer"}]}

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,16 +15,20 @@ from table import each_row
 
 from vastflow.flows import run_campaign
 from vastflow.flows.analysis.candidate_file import candidate_files, placed
-from vastflow.flows.analysis.failing import Failing
+from vastflow.flows.analysis.failing import Failing, _subject
 from vastflow.flows.analysis.minimize import minimize_configuration
 from vastflow.flows.run.computing import Computing
+from vastflow.oracles.results.executed import KeptFiles
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate, NotBuilt
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.system.spelled_out import assumed_keys, spelled_out
+from vastflow.sim.plug_ins.snapshot import snapshot_of
+from vastflow.sim.reading.movers import movers_of
 from vastflow.sim.system.keys import FILE_KEY
-from vastflow.sim.world.world import map_content
+from vastflow.sim.world.world import map_content, world_content
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 
@@ -217,6 +222,38 @@ def test_candidate_copies_filter_mask(failing, tmp_path):
         for build in (built.candidates(made).scenario, files.built):
             with pytest.raises(NotBuilt, match="The keepout filter of the global_costmap has no mask"):
                 build(without)
+
+
+PACER = "from vastflow.plugins import Mover\nclass Pacer(Mover):\n    def pose_at(self, t_s):\n        return 0.5, 0.5, 0.0\n"
+BOX = "<geometry><box><size>1 1 1</size></box></geometry>"
+
+
+def test_candidate_names_world_and_mover_of_own_file(failing):
+    made, whole = failing({})
+    inputs = made.directory / "inputs"
+    (inputs / "worlds").mkdir(parents=True)
+    (inputs / "pacer.py").write_text(PACER)
+    (inputs / "worlds" / "post.sdf").write_text(
+        f"<sdf version='1.6'><model name='c'><link name='l'><collision name='c'>{BOX}</collision></link></model></sdf>"
+    )
+    (inputs / "worlds" / "w.sdf").write_text(
+        "<sdf><world name='w'><include><uri>post.sdf</uri></include></world></sdf>"
+    )
+    files = KeptFiles(made.directory, plug_ins=True)
+    rule = files.plug_in(snapshot_of(inputs / "pacer.py", inputs).digest, "Pacer")
+    movers = [{"name": "cart", "shape": {"radius_m": 0.2}, "rule": rule}]
+    more = {"world": files.content(world_content(inputs / "worlds" / "w.sdf").digest), "movers": movers}
+    subject = Subject(
+        {**made.subject.values, **more}, {**made.subject.dimensions, **dict.fromkeys(more, "environment")}
+    )
+    assert _subject("own", Scenario("builtin:navigate_to_pose", 9.0, subject.values, {}, {})).values == subject.values
+    made = replace(made, subject=subject)
+    with candidate_files(made) as candidates:
+        built = candidates.built(whole)
+        assert "world: worlds/w.sdf" in built.text and "rule: pacer.py:Pacer" in built.text
+        assert built.configuration.scenario.environment["world"].digest == more["world"].digest
+        (body,) = movers_of(built.configuration.scenario.environment)
+        assert body.rule.pose_at(1.0) == (0.5, 0.5, 0.0)
 
 
 def test_spelled_out_keeps_keys_of_parameter_file_and_campaign_apart():
