@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from table import each_row
 
 from vastflow.producers.campaign_file.document import faults_of, read_document
+from vastflow.producers.campaign_file.sections import Stop
 from vastflow.producers.campaign_file.spec import CampaignSpec, campaign_schema, unexecuted
 
 EVERY_KEY = """
@@ -120,3 +121,8 @@ def test_schema_describes_keys_in_words_and_marks_those_without_effect(schema) -
     execution = schema["$defs"]["ExecutionSpec"]["properties"]
     assert execution["runs"]["description"].startswith("Repetitions of each configuration: a number, or `{min, max,")
     assert execution["image"]["$comment"] == "not executed by this version"
+
+
+def test_stop_refuses_classes_of_one_rate():
+    with pytest.raises(ValueError, match=r"'systematic' is 0\.5 and 'reliable' 0\.5"):
+        Stop(systematic=0.5, reliable=0.5)

@@ -1,6 +1,7 @@
 """Topics of a Nav2 parameter file that do not meet have the effect that they have in Nav2."""
 
 import pytest
+from scipy.spatial.transform import Rotation
 from table import each_row
 
 from vastflow.sim.model.faults import FileError
@@ -11,6 +12,7 @@ from vastflow.sim.nav2.parameter_files.findings import findings
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameters.costmap import NEVER_HZ
+from vastflow.sim.scenario.tree.messages import pose_in
 
 RPP = "{plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}"
 INFO = (
@@ -251,3 +253,9 @@ def test_filter_listed_twice_counts_once():
     own = "k: {plugin: 'nav2_costmap_2d::KeepoutFilter', filter_info_topic: /info}"
     text = f"global_costmap: {{global_costmap: {{ros__parameters: {{filters: [k, k], {own}}}}}}}"
     assert interpretation(parse(text)).parameters.global_costmap.keepout_filter.enabled
+
+
+def test_pose_of_message_has_yaw_of_its_quaternion():
+    turned = dict(zip("xyzw", Rotation.from_euler("ZYX", [0.7, 0.2, -0.1]).as_quat().tolist(), strict=True))
+    pose = pose_in({"pose": {"pose": {"position": {"x": 1.0, "y": 2.0}, "orientation": turned}}})
+    assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx((1.0, 2.0, 0.7), abs=1e-12)

@@ -139,3 +139,8 @@ def test_body_keeps_out_of_the_worlds_walls(scenario, two_rooms_map, seed):
 def test_malformed_world_is_refused_with_place(value, message):
     with pytest.raises(ScenarioError, match=message):
         difference_of(value)
+
+
+def test_difference_moves_no_wall_unless_it_says_so():
+    found = difference_of({"seed": 1, "missing_furniture": 0.5})
+    assert (found.wall_offset_m, found.correlation_length_m, found.missing_share) == (0.0, 2.0, 0.5)
