@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from itertools import pairwise
+from types import SimpleNamespace
 
 import amcl_accuracy as accuracy
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from table import each_row
 
+from vastflow.sim.nav2.amcl.sensor import _beam_points
 from vastflow.sim.world.lidar import scan
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
@@ -274,3 +276,13 @@ def test_particle_count_adapts_to_uncertainty(shelved_room, errors):
     blind, particles = accuracy.localize(*shelved_room, Lidar(), accuracy.Condition("", dropout=1.0), 0)
     assert min(particles[-10:]) > 1500
     assert 0.1 < blind.position_m.iloc[-1] < 3.0
+
+
+@each_row(("laser_max_range", "used"), [(-1.0, 2), (0.0, 2), (5.0, 1), (20.0, 2)])
+def test_beams_beyond_own_maximum_are_skipped(laser_max_range, used):
+    amcl = SimpleNamespace(laser_min_range=-1.0, laser_max_range=laser_max_range, max_beams=3)
+    given = SimpleNamespace(amcl=amcl, range_min=0.1, range_max=8.0, mount_x=0.0, mount_y=0.0, resolution=0.05)
+    ends = np.zeros((2, 3))
+    ahead = np.tile([1.0, 0.0], (3, 1))
+    assert _beam_points.py_func(given, np.array([2.0, 6.0, 9.0]), ahead, ends) == used
+    assert ends[0, :used].tolist() == pytest.approx([40.0, 120.0][:used])

@@ -1,5 +1,7 @@
 """Window and global map after one tick of the stack at rest."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from vastflow.sim.model.obstacle import obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.costmaps.costmap import MARKED, SEEN_FREE, UNSEEN
-from vastflow.sim.nav2.navigator.mapping import update_global, update_local
+from vastflow.sim.nav2.navigator.mapping import clear_local, update_global, update_local
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import give, new_stack, set_pose
 from vastflow.sim.nav2.navigator.tick import advance
@@ -131,3 +133,10 @@ def test_cells_under_the_robot_are_not_marked(after_a_tick):
     stack = after_a_tick(obstacles=(over,))
     assert not (stack.local.layer[26:35, 26:35] == MARKED).any()
     assert not (stack.grids.layer[44:53, 55:64] == MARKED).any()
+
+
+def test_clearing_local_costmap_reaches_its_lowest_row():
+    layer, costs = np.full((3, 4), MARKED, np.uint8), np.full((3, 4), MARKED, np.uint8)
+    local = SimpleNamespace(layer=layer, window=SimpleNamespace(costs=costs))
+    clear_local.py_func(SimpleNamespace(), local)
+    assert (layer == UNSEEN).all() and not costs.any()

@@ -7,7 +7,9 @@ import pytest
 from alone import Alone, straight
 from table import each_row
 
-from vastflow.sim.nav2.controllers.mppi_samples import noise
+from vastflow.sim.nav2.controllers.mppi_critics import lay_frame
+from vastflow.sim.nav2.controllers.mppi_samples import SIDE, noise
+from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.parameters.mppi import (
     CostParameters,
     MppiParameters,
@@ -354,3 +356,14 @@ def test_noise_is_kept_between_cycles_where_it_is_not_regenerated(regenerate):
             controller.reset()
     assert len({*starts[:3]}) == (3 if regenerate else 1)
     assert starts[3] != starts[2]
+
+
+def test_frame_of_large_window_is_cropped_at_its_corner():
+    window = Window(np.arange((SIDE + 9) * (SIDE + 7), dtype=np.uint64).reshape(SIDE + 9, -1) % 251, (1.0, 2.0, 0.5))
+    out, values = np.zeros(SIDE * SIDE), np.arange(251.0)
+    for pose, (row, column) in (((1.1, 2.1, 0.0), (0, 0)), ((999.0, 999.0, 0.0), (11, 9))):
+        frame = lay_frame.py_func(out, values, window, pose)
+        assert (frame.row, frame.column, frame.rows, frame.columns) == (row - 1, column - 1, SIDE, SIDE)
+        assert (frame.left_m, frame.bottom_m) == (1.0 + 0.5 * (column - 1), 2.0 + 0.5 * (row - 1))
+        laid = out.reshape(SIDE, SIDE)[1:-1, 1:-1]
+        np.testing.assert_array_equal(laid, window.costs[row : row + SIDE - 2, column : column + SIDE - 2])
