@@ -143,7 +143,10 @@ def _maps_of(values: Mapping[str, Any]) -> dict[str, FileContent]:
 
 
 def _place(directory: Path, key: str, content: FileContent) -> Path:
-    """Return the place of a map or world beside the campaign file: of a world its own among the inputs, for what it includes."""
+    """Return the place of a map or world beside the campaign file.
+
+    A world keeps its place among the inputs, where what it includes lies too.
+    """
     path, inputs = Path(content.path), directory / "inputs"
     beside = key == WORLD_KEY and path.is_relative_to(inputs)
     return path.relative_to(inputs) if beside else Path(_MAPS[key], path.name)

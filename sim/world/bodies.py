@@ -49,9 +49,9 @@ class Body:
 
 
 def bodies_on(grid: OccupancyMap, bodies: Sequence[Body]) -> tuple[Body, ...]:
-    """Return bodies as far as they stand on a grid: where it ends the world does, for beams, contacts, and clearances.
+    """Return bodies as far as they stand on a grid.
 
-    A disc about a point of the grid stays whole, as it is nearest to any place of the grid within it; another one becomes a polygon.
+    Where it ends the world does, for beams, contacts, and clearances. A disc about a point of the grid stays whole, as it is nearest to any place of the grid within it; another one becomes a polygon.
     """
     rows, columns = grid.shape
     ground = shapely.Polygon(grid.corners_of(np.array([(0, 0), (0, columns), (rows, columns), (rows, 0)])))
