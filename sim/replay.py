@@ -213,6 +213,51 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box, overview: bool = True) -
     )
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Published:
+    """What the stack has of odometry and of its scanner after a tick.
+
+    Attributes:
+        odometry: Pose of the robot in the frame `odom`.
+        map_odom: Pose of that frame in the map frame.
+        speed_mps, lateral_mps, yaw_rate_radps: Motion as odometry reports it.
+        scan: Number of the newest scan, from 1; 0 before the first.
+        scan_t_s: Its stamp.
+        ranges_m: (B,) its readings, a view that the next tick changes; infinite without a return.
+        updates: Number of AMCL's updates so far.
+    """
+
+    odometry: Pose
+    map_odom: Pose
+    speed_mps: float
+    lateral_mps: float
+    yaw_rate_radps: float
+    scan: int
+    scan_t_s: float
+    ranges_m: NDArray[np.float64] = field(repr=False)
+    updates: int
+
+
+def published_by(stack: Stack, tick: int) -> Published:
+    """Return what the stack has after tick `tick`, its last."""
+    m, p = stack.m[0], stack.p[0]
+    scan = int(m["scans_used"]) if p["late"] else tick // int(p["scan_ticks"]) + 1
+    began_s = m["late_scans"][(scan - 1) % state.LATE_SCANS][1] * TICK_S / state.SUBSTEPS
+    return Published(
+        odometry=Pose(float(m["odom_x"]), float(m["odom_y"]), wrapped(float(m["odom_yaw"]))),
+        map_odom=_frame(stack).pose_to_map(
+            Pose(float(m["map_odom_x"]), float(m["map_odom_y"]), wrapped(float(m["map_odom_yaw"])))
+        ),
+        speed_mps=float(m["odom_v"]),
+        lateral_mps=float(m["odom_vy"]),
+        yaw_rate_radps=float(m["odom_w"]),
+        scan=scan,
+        scan_t_s=float(began_s) if p["late"] else tick // int(p["scan_ticks"]) * int(p["scan_ticks"]) * TICK_S,
+        ranges_m=m["ranges"][: m["beams"]],
+        updates=int(m["filter_updates"]),
+    )
+
+
 def _frame(stack: Stack) -> GridFrame:
     p = stack.p[0]
     return GridFrame((float(p["origin_x"]), float(p["origin_y"])), float(p["grid_yaw"]))

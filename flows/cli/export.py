@@ -7,6 +7,7 @@ from typing import Annotated, Final
 
 import typer
 
+from vastflow.flows.cli.consent import Trust, executing
 from vastflow.flows.terminal.ending import Interruptible, writing
 from vastflow.flows.terminal.options import PlaceOfResults, configuration_names
 from vastflow.flows.terminal.progress import count_text
@@ -23,7 +24,7 @@ def export(
         list[str] | None,
         typer.Option(
             metavar="PATTERN",
-            help="Families and configurations to export, such as 'room*' (may be repeated).",
+            help="Families and configurations to export, such as 'room*', or one run, as in room-1/3 (may be repeated).",
             autocompletion=configuration_names,
         ),
     ] = None,
@@ -33,9 +34,10 @@ def export(
             "--format",
             metavar="NAME",
             help="`vast`: a folder for each run, with JUnit reports, CSV files, logs, and output files of programs; `junit`: one "
-            "report; `csv`: the tables alone; an installed format; or file.py:Class of your own.",
+            "report; `csv`: the tables alone; `mcap`: bags of ROS 2 for Foxglove and RViz, for which runs are executed again; an installed format; or file.py:Class of your own.",
         ),
     ] = "vast",
+    trust: Trust = False,
 ) -> None:
     """Export a campaign for other tools."""
     said_s = time.monotonic()
@@ -55,7 +57,7 @@ def export(
         with at_hand(results, ("traces", "figures")) as directory:
             check_directory(directory)
             try:
-                with writing(folder):
+                with executing(directory, trust, code=chosen.executes), writing(folder):
                     exported = lay_out(directory, folder, only or (), progress, chosen)
             except UserError as error:  # where the directory is a copy, it is the address that the user knows
                 raise UserError(str(error).replace(str(directory), results)) from None

@@ -4,7 +4,7 @@ import os
 import shutil
 import zipfile
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -18,6 +18,7 @@ from vastflow.flows.export.junit import FlawKind
 from vastflow.flows.export.run import ExportedRun, flaw_of, table_csv
 from vastflow.flows.results.tables import KeptLogs
 from vastflow.oracles.evidence.evidence import headline_of
+from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.schema import behaviors_of, table_of, table_rows
 from vastflow.oracles.results.tables import read_tables
@@ -111,11 +112,16 @@ class ExportSource:
                     scenario=scenario,
                     scenario_file=f"{scenario}.osc" if isinstance(row["abstract"], str) else self._scenario_file,
                     outputs=outputs(run_index),
+                    read=partial(recorded_run, self._directory, name, run_index) if run_index in recorded else None,
                 )
 
-    def verdicts_of(self, name: str) -> Iterable[Sequence[Mapping[str, Any]]]:
-        """Return the verdicts on each run of a configuration."""
-        return self._verdicts[name].values()
+    def run_indices(self, name: str) -> list[int]:
+        """Return the runs of a configuration, recorded or not."""
+        return sorted(self._verdicts[name])
+
+    def verdicts_of(self, name: str, run_index: int) -> Sequence[Mapping[str, Any]]:
+        """Return the verdicts on a run."""
+        return self._verdicts[name][run_index]
 
     @contextmanager
     def _outputs(self, configuration: str) -> Iterator[Callable[[int], dict[str, bytes]]]:
@@ -197,10 +203,13 @@ class _Runs:
     source: ExportSource
     row: Mapping[str, Any]
     begin: Callable[[], None]
+    patterns: Sequence[str]
 
     def __iter__(self) -> Iterator[ExportedRun]:
         self.begin()
-        return self.source.runs_of(self.row)
+        for run in self.source.runs_of(self.row):
+            if not self.patterns or any(_asks(pattern, run.run_index) for pattern in self.patterns):
+                yield run
 
 
 def export(
@@ -213,7 +222,8 @@ def export(
     """Export the campaign directory `results` to the new or empty `folder` at once.
 
     Args:
-        only: Patterns (`*`, `?`, `[…]`) of names of configurations and families; all if empty.
+        only: Patterns (`*`, `?`, `[…]`) of names of configurations and families, with `/` and the index of a run for that run alone;
+            all if empty.
         progress: Called with the number of exported configurations and their total.
         chosen: The format; `Vast` unless given.
 
@@ -225,14 +235,20 @@ def export(
     source = ExportSource(results)
     rows = source.configurations
     for pattern in only:
-        if not any(_fits(row, pattern) for row in rows):
+        fitting = [row for row in rows if _fits(row, pattern)]
+        if fitting and not any(_asks(pattern, run) for row in fitting for run in source.run_indices(row["name"])):
+            told = f"no run of {fitting[0]['name']} matches {pattern!r}"
+            hint = f"it has the content of {alike}" if (alike := fitting[0]["duplicate_of"]) else ""
+            raise UnusableDirectory(f"{results}: {message_of(told, hint)}")
+        if not fitting:
             names = list(dict.fromkeys(name for row in rows for name in (row["family"], row["name"])))
             hint = did_you_mean(pattern, names, "it has none")
             raise UnusableDirectory(f"{results}: {message_of(f'no family or configuration matches {pattern!r}', hint)}")
     rows = [row for row in rows if not only or any(_fits(row, pattern) for pattern in only)]
     configurations = []
     for k, row in enumerate(rows):
-        runs = _Runs(source, row, partial(progress, k, len(rows))) if row["duplicate_of"] is None else ()
+        patterns = [pattern for pattern in only if _fits(row, pattern)]
+        runs = _Runs(source, row, partial(progress, k, len(rows)), patterns) if row["duplicate_of"] is None else ()
         about = (row["name"], row["family"], source.scenario_of(row), source.values_of(row), row["duplicate_of"])
         configurations.append(ExportedConfiguration(*about, runs))
     headline = "" if only else source.headline
@@ -245,7 +261,13 @@ def export(
             else:
                 file.write_bytes(content)
     ran = [each.name for each in configurations if each.duplicate_of is None]
-    flaws = Counter(flaw_of(verdicts) for name in ran for verdicts in source.verdicts_of(name))
+    flaws = Counter(
+        flaw_of(source.verdicts_of(row["name"], run))
+        for row in rows
+        if row["duplicate_of"] is None
+        for run in source.run_indices(row["name"])
+        if not only or any(_fits(row, pattern) and _asks(pattern, run) for pattern in only)
+    )
     return Exported(folder, [each.name for each in configurations], len(configurations) - len(ran), flaws)
 
 
@@ -259,7 +281,13 @@ def refuse(folder: Path) -> None:
 
 
 def _fits(row: Mapping[str, Any], pattern: str) -> bool:
-    return fnmatchcase(row["name"], pattern) or fnmatchcase(row["family"], pattern)
+    name = pattern.partition("/")[0]
+    return fnmatchcase(row["name"], name) or fnmatchcase(row["family"], name)
+
+
+def _asks(pattern: str, run_index: int) -> bool:
+    """Whether a pattern that fits the run's configuration asks for the run."""
+    return fnmatchcase(str(run_index), pattern.partition("/")[2] or "*")
 
 
 def _below(place: Path, name: str) -> Path:

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, ClassVar, Final, TypeAlias
 
 from vastflow.flows.export.run import ExportedRun
 from vastflow.sim.model.faults import UserError, message_of
@@ -51,7 +51,13 @@ class ExportedCampaign:
 
 
 class Format(ABC):
-    """A form in which other tools read a campaign; a subclass is made without arguments."""
+    """A form in which other tools read a campaign; a subclass is made without arguments.
+
+    Attributes:
+        executes: Whether it executes runs, which may need the user's consent.
+    """
+
+    executes: ClassVar[bool] = False
 
     @abstractmethod
     def files(self, campaign: ExportedCampaign) -> Iterator[ExportedFile]:

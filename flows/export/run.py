@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import Any, Final
@@ -16,6 +16,7 @@ from vastflow.flows.export.junit import Case, Flaw, FlawKind, Suite, suite_repor
 from vastflow.flows.results.rows import FAULT
 from vastflow.oracles.judgment.verdict import run_judgment
 from vastflow.oracles.observation.trace import signal_name
+from vastflow.oracles.replay.recorded import RecordedRun
 from vastflow.sim.model.blocks import Columns as Recorded
 from vastflow.sim.model.recording import Columns, RunLog, Use
 from vastflow.sim.run import PERIOD_S
@@ -52,6 +53,7 @@ class ExportedRun:
         recorded: Columns of its recording, in thousandths; empty without a robot.
         behaviors: Its `behaviors` table, may be empty.
         outputs: Files that its programs wrote, by their places; tables are CSV, or Parquet if the run has another file of that name.
+        read: Reads all that an execution of the run needs; None where there is no recording.
     """
 
     campaign: str
@@ -66,6 +68,7 @@ class ExportedRun:
     scenario: str = ""
     scenario_file: str = ""
     outputs: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+    read: Callable[[], RecordedRun] | None = field(default=None, repr=False)
 
 
 def case_of(run: ExportedRun) -> Case:

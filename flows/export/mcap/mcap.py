@@ -1,0 +1,134 @@
+"""The format `mcap`: each run as a bag of ROS 2 with what Nav2 publishes, for Foxglove, RViz, and `ros2 bag`."""
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.flows.export.format import ExportedCampaign, ExportedFile, Format
+from vastflow.flows.export.mcap.bag import NAME, Bag
+from vastflow.flows.export.mcap.layout import NAME as LAYOUT
+from vastflow.flows.export.mcap.layout import layout
+from vastflow.flows.export.mcap.messages import WARN, RunMessages
+from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
+from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.observation.trace import signals_of
+from vastflow.oracles.replay.recorded import RecordedRun
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.reading.checked import checked_of
+from vastflow.sim.replay import Box, State, first_difference, moment_of, published_by, snapshot_of
+from vastflow.sim.run import run
+from vastflow.sim.scenario.programs.actions import PROCESSES
+from vastflow.sim.system.system import system_of
+from vastflow.sim.world.environment import world_of
+from vastflow.sim.world.robot_model import Lidar
+
+SNAPSHOT_TICKS: Final = 5
+"""Ticks between two messages of paths and particles: 4 Hz."""
+LOCAL_TICKS, GLOBAL_TICKS = 10, 20
+"""Ticks between two local costmaps (2 Hz), and two global ones (1 Hz), as in Nav2's own parameter file."""
+_WHOLE: Final = Box(-1e9, -1e9, 1e9, 1e9)
+_NOTHING: Final = Box(0.0, 0.0, 0.0, 0.0)
+_NO_POSE: Final = Pose(0.0, 0.0)
+
+
+class Mcap(Format):
+    """A bag for each run, and a layout for Foxglove.
+
+    What was not recorded, such as scans and costmaps, comes from executing the run again. A run with programs is not executed:
+    its bag has the recorded part, as that of a run that comes out otherwise here has.
+    """
+
+    executes = True
+
+    def files(self, campaign: ExportedCampaign) -> Iterator[ExportedFile]:
+        """Yield the layout and the bags."""
+        yield LAYOUT, layout()
+        for each in campaign.configurations:
+            for exported in each.runs:
+                if exported.recorded and exported.read is not None:
+                    for name, content in bag_of(exported.read()).items():
+                        yield f"{each.name}/{exported.run_index}/{NAME}/{name}", content
+
+
+def bag_of(recorded: RecordedRun) -> dict[str, bytes]:
+    """Return the files of a run's bag by their names.
+
+    Raises:
+        UserError: the extra `ros` is not installed.
+    """
+    scenario, recording = recorded.scenario, recorded.recording
+    situation, world = situation_of(scenario), world_of(scenario.environment)
+    lidar = system_of(scenario.system, is_drawn=True).lidar
+    bag = Bag()
+    told = RunMessages(bag)
+    missing = _execute(told, recorded, lidar)
+    if missing:
+        bag = Bag()  # without what another run saw
+        told = RunMessages(bag)
+        told.says(0, missing, WARN)
+    _tell_rows(told, recording.columns, with_frames=bool(missing))
+    told.begins(world.map if world else None, lidar, situation.start)
+    tracks = obstacle_tracks_of(situation, recording.run, signals_of(recording.columns))
+    told.surroundings(tracks, recording.run.events, int(recording.columns["t_ms"][-1]))
+    about = {
+        "campaign": str(recorded.metadata["name"]),
+        "run": f"{recorded.configuration}/{recording.run.run_index}",
+        "judgment": recorded.judgment,
+        "vastflow": str(recorded.metadata["vastflow"]),
+        "executed_again": missing or "equal to the recording bit for bit",
+    }
+    return bag.files(about)
+
+
+def _execute(told: RunMessages, recorded: RecordedRun, lidar: Lidar) -> str:
+    """Execute the run again, and tell what its stack published. Why it is not the recorded run; empty if it is."""
+    checked = checked_of(recorded.scenario)
+    if checked.programs is not None or not checked.actions.isdisjoint(PROCESSES):
+        return "only what was recorded: the run has programs, and is not executed for an export"
+
+    def watch(stack: State, tick: int) -> None:
+        moment, published = moment_of(stack, tick), published_by(stack, tick)
+        told.frames(moment.t_s, published.map_odom, published.odometry, moment.true)
+        told.sensed(moment.t_s, published, lidar)
+        told.doing(moment)
+        if tick % SNAPSHOT_TICKS == 0:
+            is_whole = tick % GLOBAL_TICKS == 0
+            snapshot = snapshot_of(stack, moment, _WHOLE if is_whole else _NOTHING, overview=False)
+            told.seen(snapshot, published, has_local=tick % LOCAL_TICKS == 0, has_global=is_whole)
+
+    try:
+        index = recorded.recording.run.run_index
+        executed = run(
+            recorded.scenario, index, recorded.seed, watch, range(round(recorded.scenario.timeout_s / TICK_S))
+        )
+    except ValueError as error:  # a scenario of another version
+        return f"only what was recorded: the run can't be executed by this version: {error}"
+    difference = first_difference(recorded.recording, executed)
+    return "" if difference is None else f"only what was recorded: executed here, the run differs: {difference}"
+
+
+def _tell_rows(told: RunMessages, columns: Mapping[str, NDArray[np.int32]], *, with_frames: bool) -> None:
+    """Tell what was recorded; with frames that have the estimate as odometry, where that was not recorded."""
+    rows = signals_of(columns)
+    names = ("t_s", "x_m", "y_m", "yaw_rad", "estimated_x_m", "estimated_y_m", "estimated_yaw_rad", "localized")
+    covariances = np.column_stack([rows[f"covariance_{name}"] for name in ("xx_m2", "xy_m2", "yy_m2", "yaw_rad2")])
+    still = np.zeros(len(rows["t_s"]))
+    motions = [
+        np.column_stack(
+            [rows[f"{of}speed_mps"], rows.get(f"{of}lateral_speed_mps", still), rows[f"{of}yaw_rate_radps"]]
+        )
+        for of in ("", "command_", "sent_")
+    ]
+    for k, row in enumerate(zip(*(rows[name].tolist() for name in names), strict=True)):
+        t_s, true, estimate, is_new = row[0], Pose(*row[1:4]), Pose(*row[4:7]), row[7]
+        if with_frames:
+            told.frames(t_s, _NO_POSE, estimate, true)
+        own, commanded, sent = (each[k].tolist() for each in motions)
+        told.truth(t_s, true, *own)
+        told.commanded(t_s, "/cmd_vel_nav", *commanded)
+        told.commanded(t_s, "/cmd_vel", *sent)
+        if is_new:
+            told.localized(t_s, estimate, covariances[k])
