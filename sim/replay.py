@@ -215,10 +215,10 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box, overview: bool = True) -
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Published:
-    """What the stack has of odometry and of its scanner after a tick.
+    """Odometry and scan that the stack has after a tick.
 
     Attributes:
-        odometry: Pose of the robot in the frame `odom`.
+        odometry: Pose of the robot in the frame `odom`, which is already that of the next tick's time, as its motion is.
         map_odom: Pose of that frame in the map frame.
         speed_mps, lateral_mps, yaw_rate_radps: Motion as odometry reports it.
         scan: Number of the newest scan, from 1; 0 before the first.
@@ -239,15 +239,16 @@ class Published:
 
 
 def published_by(stack: Stack, tick: int) -> Published:
-    """Return what the stack has after tick `tick`, its last."""
+    """Return the odometry and the scan after tick `tick`, the stack's last."""
     m, p = stack.m[0], stack.p[0]
     scan = int(m["scans_used"]) if p["late"] else tick // int(p["scan_ticks"]) + 1
     began_s = m["late_scans"][(scan - 1) % state.LATE_SCANS][1] * TICK_S / state.SUBSTEPS
+    # Before the first pose is set the filter places nothing; odometry then still starts where the robot does.
+    place = ("map_odom_x", "map_odom_y", "map_odom_yaw") if m["initialized"] else ("x", "y", "yaw")
+    x_m, y_m, yaw_rad = (float(m[name]) for name in place)
     return Published(
         odometry=Pose(float(m["odom_x"]), float(m["odom_y"]), wrapped(float(m["odom_yaw"]))),
-        map_odom=_frame(stack).pose_to_map(
-            Pose(float(m["map_odom_x"]), float(m["map_odom_y"]), wrapped(float(m["map_odom_yaw"])))
-        ),
+        map_odom=_frame(stack).pose_to_map(Pose(x_m, y_m, wrapped(yaw_rad))),
         speed_mps=float(m["odom_v"]),
         lateral_mps=float(m["odom_vy"]),
         yaw_rate_radps=float(m["odom_w"]),

@@ -1,1 +1,1 @@
-"""Runs as bags of ROS 2: topics and types, the messages of a run, the bag, and a layout for Foxglove."""
+"""Runs as bags of ROS 2: topics, messages, the bag, and a layout for Foxglove."""

@@ -1,4 +1,4 @@
-"""The format `mcap`: each run as a bag of ROS 2 with what Nav2 publishes, for Foxglove, RViz, and `ros2 bag`."""
+"""The format `mcap`: each run as a bag of ROS 2 for Foxglove, RViz, and `ros2 bag`."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final
@@ -84,15 +84,14 @@ def bag_of(recorded: RecordedRun) -> dict[str, bytes]:
 
 
 def _execute(told: RunMessages, recorded: RecordedRun, lidar: Lidar) -> str:
-    """Execute the run again, and tell what its stack published. Why it is not the recorded run; empty if it is."""
+    """Execute a run, tell what its stack publishes, and return why the recorded part alone can be told."""
     checked = checked_of(recorded.scenario)
     if checked.programs is not None or not checked.actions.isdisjoint(PROCESSES):
         return "only what was recorded: the run has programs, and is not executed for an export"
 
     def watch(stack: State, tick: int) -> None:
         moment, published = moment_of(stack, tick), published_by(stack, tick)
-        told.frames(moment.t_s, published.map_odom, published.odometry, moment.true)
-        told.sensed(moment.t_s, published, lidar)
+        told.sensed(moment, published, lidar)
         told.doing(moment)
         if tick % SNAPSHOT_TICKS == 0:
             is_whole = tick % GLOBAL_TICKS == 0

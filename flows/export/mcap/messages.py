@@ -1,4 +1,4 @@
-"""The messages of one run: what its map, robot, stack, and surroundings are at each time."""
+"""The messages of one run: map, transforms, sensors, the stack's decisions, and the surroundings."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -36,13 +36,15 @@ def nanoseconds(t_s: float) -> int:
 
 
 class RunMessages:
-    """Fills a bag with what happens in a run."""
+    """Fills a bag with the messages of a run."""
 
     def __init__(self, bag: Bag) -> None:
         self._bag, self._make = bag, bag.make
         self._node = ""
         self._goal = -1
         self._scan = 0
+        self._odometry = Pose(0.0, 0.0)
+        self._motion = (0.0, 0.0, 0.0)
         self._updates = -1
         self._global = b""
 
@@ -68,7 +70,7 @@ class RunMessages:
     def truth(self, t_s: float, true: Pose, v_mps: float, vy_mps: float, w_radps: float) -> None:
         """Add where the robot truly is, and how it moves."""
         self._bag.add(
-            "/ground_truth/odom", nanoseconds(t_s), self._odometry(t_s, MAP, TRUE_BASE, true, (v_mps, vy_mps, w_radps))
+            "/ground_truth/odom", nanoseconds(t_s), self._moved(t_s, MAP, TRUE_BASE, true, (v_mps, vy_mps, w_radps))
         )
 
     def localized(self, t_s: float, estimate: Pose, covariance: NDArray[np.float64]) -> None:
@@ -79,13 +81,16 @@ class RunMessages:
         """Add a command of `/cmd_vel_nav`, the controller's, or of `/cmd_vel`, which the robot got."""
         self._bag.add(topic, nanoseconds(t_s), self._twist(v_mps, vy_mps, w_radps))
 
-    def sensed(self, t_s: float, told: Published, lidar: Lidar) -> None:
-        """Add odometry, and the scan if it is a new one.
+    def sensed(self, moment: Moment, told: Published, lidar: Lidar) -> None:
+        """Add transforms, odometry, and the scan if it is a new one.
 
         A scan is stamped when its first beam was measured, and written when the stack gets it.
         """
-        motion = told.speed_mps, told.lateral_mps, told.yaw_rate_radps
-        self._bag.add("/odom", nanoseconds(t_s), self._odometry(t_s, ODOM, BASE, told.odometry, motion))
+        t_s = moment.t_s
+        self.frames(t_s, told.map_odom, self._odometry, moment.true)
+        self._bag.add("/odom", nanoseconds(t_s), self._moved(t_s, ODOM, BASE, self._odometry, self._motion))
+        self._odometry = told.odometry  # which is that of the next tick's time
+        self._motion = told.speed_mps, told.lateral_mps, told.yaw_rate_radps
         if told.scan == self._scan:
             return
         self._scan = told.scan
@@ -160,7 +165,9 @@ class RunMessages:
             corner = _seen_from(told.map_odom, patch.corner)
             self._bag.add("/local_costmap/costmap", t_ns, self._costmap(t_ns, ODOM, patch, corner))
             self._bag.add(
-                "/local_costmap/published_footprint", t_ns, self._footprint(t_ns, snapshot.outline_m, told.odometry)
+                "/local_costmap/published_footprint",
+                t_ns,
+                self._footprint(t_ns, snapshot.outline_m, _seen_from(told.map_odom, moment.estimate)),
             )
         if has_global and (content := snapshot.global_costs.costs.tobytes()) != self._global:
             self._global = content
@@ -236,7 +243,7 @@ class RunMessages:
         linear, angular = self._vector(v_mps, vy_mps, 0.0), self._vector(0.0, 0.0, w_radps)
         return self._make("geometry_msgs/Twist", linear=linear, angular=angular)
 
-    def _odometry(self, t_s: float, frame: str, child: str, pose: Pose, motion: tuple[float, float, float]) -> Any:
+    def _moved(self, t_s: float, frame: str, child: str, pose: Pose, motion: tuple[float, float, float]) -> Any:
         nothing = np.zeros(36)
         return self._make(
             "nav_msgs/Odometry",

@@ -27,7 +27,7 @@ NAV2_TYPES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """What is said on a topic, and how it is offered.
+    """A topic's type and the quality of service that it is offered with.
 
     Attributes:
         depth: Messages that are kept for a late or slow subscriber.
