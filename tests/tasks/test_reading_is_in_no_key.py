@@ -31,6 +31,7 @@ RESULTS_OF_READING = {
     "vastflow.sim.world.map_file.load_map",
     "vastflow.sim.world.readers.own.world_value",
     "vastflow.sim.world.readers.registry.check_within",
+    "vastflow.sim.world.readers.registry.files_of_world",
     "vastflow.sim.world.readers.registry.known_reader",
     "vastflow.sim.world.readers.registry.read_file",
     "vastflow.sim.world.readers.registry.reader_of",
