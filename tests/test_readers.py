@@ -37,6 +37,7 @@ ALLOWED: Final[dict[str, tuple[int, str]]] = {
     "flows/results/kept_report.py": (3, "the user's cache of reports, one of them through the mechanism"),
     "flows/run/reporting.py": (1, "this process' log"),
     "flows/analysis/minimize.py": (1, "a picture that was just drawn"),
+    "deployments/assistant/children.py": (1, "the question of the parent process"),
     "deployments/explorer/comparison_page.py": (1, "a picture that was just drawn"),
     "deployments/explorer/outputs.py": (1, "a member whose size was looked at"),
     "oracles/page/call.py": (2, "a file of the installation, and a page that was just written"),

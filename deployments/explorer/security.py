@@ -76,10 +76,10 @@ class Guard:
         if request.method not in ("GET", "HEAD") and request.headers.get("origin") != own_origin:
             return self._refuse(request, 403, "Changes are taken from the explorer's own pages only.")
         given = request.query_params.get(TOKEN)
-        if given is not None and _is_one_of(given, (self._token, *self._once)):
+        if given is not None and is_one_of(given, (self._token, *self._once)):
             self._once.discard(given)
             return self._admitted(request)
-        has_cookie = _is_one_of(request.cookies.get(self._cookie, ""), (self._content(request),))
+        has_cookie = is_one_of(request.cookies.get(self._cookie, ""), (self._content(request),))
         if given is None and (has_cookie or request.url.path.startswith(OPEN)):
             return None
         return self._refuse(request, 403, "Open the address that `vastflow ui` printed. It carries the token.")
@@ -102,5 +102,6 @@ class Guard:
         return answer
 
 
-def _is_one_of(given: str, known: Collection[str]) -> bool:
+def is_one_of(given: str, known: Collection[str]) -> bool:
+    """True if a secret is known, compared in a time that tells nothing of it."""
     return any(hmac.compare_digest(given.encode(errors="replace"), each.encode()) for each in known)

@@ -1,6 +1,6 @@
 """Pictures of a comparison: a configuration's runs in baseline and candidate on the map."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,7 +44,7 @@ def draw(found: Compared, most: int, folder: Path) -> tuple[dict[str, Path], dic
                 created = str(tables.metadata.get("created", "")).replace("T", " ")
                 run = "" if strong is None else f"; strong: run {strong}"
                 title = f"{letter}: {passes} of {change.pairs} passed ({created}{run})"
-                sides.append(_side(tables, name, title, judged, strong))
+                sides.append(driven_case(tables, name, title, judged, strong))
         except (OSError, ValueError, KeyError) as error:
             undrawn.setdefault(" ".join(str(error).split()), []).append(match.after)
             continue
@@ -54,10 +54,15 @@ def draw(found: Compared, most: int, folder: Path) -> tuple[dict[str, Path], dic
     return drawn, undrawn
 
 
-def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong: int | None) -> Case:
+def driven_case(tables: Tables, name: str, title: str, judged: Mapping[int, int], strong: int | None = None) -> Case:
+    """Return a configuration with the true paths of its runs by their judgments, one of them strong.
+
+    Raises:
+        ValueError: it has no map, or no recording of a robot.
+    """
     case = case_of(tables, tables.configurations.names.index(name), KeptFiles(tables.directory))
     if (walks := read_walks(tables.directory, name)) is None:
-        raise ValueError(f"{tables.directory} has no recording of it")
+        raise ValueError(f"{tables.directory.name} has no recording of it")
     shown = [run for run in range(len(walks.run_index)) if int(walks.run_index[run]) in judged]
     paths: Sequence[tuple[Judgment, NDArray[Any]]] = [
         (JUDGMENTS.get(judged[int(walks.run_index[run])], "not judged"), walks.line(run)) for run in shown
