@@ -24,7 +24,12 @@ MOST_CAMPAIGNS: Final = 20
 MOST_SQL: Final = 20_000
 
 TABLES: Final[Mapping[str, tuple[str, str, str]]] = {
-    "runs": ("runs_wide.parquet", "*", "a row for each run: outcome, verdicts, metrics, and factors in columns"),
+    "runs": (
+        "runs_wide.parquet",
+        "*",
+        "a row for each run: outcome, verdicts, metrics, and factors in columns, and its weight in its configuration's rate where a "
+        "rule ended runs",
+    ),
     "verdicts": (
         "verdicts.parquet",
         "configuration, run_index, oracle, COLUMNS('^judge?ment$') AS judgment, reason, metrics",
