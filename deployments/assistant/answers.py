@@ -15,7 +15,7 @@ from vastflow.oracles.judgment.cause import CAUSES
 from vastflow.oracles.query import facets
 from vastflow.oracles.query.selection import Column, ValuesOf, mask_of
 from vastflow.oracles.results.tables import FAIL, Tables, read_tables
-from vastflow.oracles.results.unusable import UnusableDirectory, reading
+from vastflow.oracles.results.unusable import DAMAGE, UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import is_inside, read_bytes
 from vastflow.sim.model.names import did_you_mean
@@ -253,8 +253,11 @@ class Answers:
         said = dict(zip(verdicts.run_index[own].tolist(), verdicts.together[own].tolist(), strict=True))
         wanted = [_known("run_index", each, said) for each in run_index] or [*said]
         shown = {each: said[each] for each in wanted[:MOST_PATHS]}
-        with reading(directory.id), self._drawing:  # matplotlib is not made for threads
-            picture = png(case_figure(driven_case(found, name, "", shown)))
+        try:
+            with self._drawing:  # matplotlib is not made for threads
+                picture = png(case_figure(driven_case(found, name, "", shown)))
+        except DAMAGE as error:
+            raise UserError(f"{configuration} can't be drawn: {error}") from None
         words = f"{configuration}: {len(shown)} of {len(said)} runs, {[*shown.values()].count(FAIL)} failed, which end in a cross"
         left = f"; {len(wanted) - len(shown):,} more are left out" * (len(wanted) > len(shown))
         return picture, f"{words}{left}. The bar is 1 m, circles are starts, diamonds goals, lines true paths."

@@ -27,8 +27,7 @@ TABLES: Final[Mapping[str, tuple[str, str, str]]] = {
     "runs": (
         "runs_wide.parquet",
         "*",
-        "a row for each run: outcome, verdicts, metrics, and factors in columns, and its weight in its configuration's rate where a "
-        "rule ended runs",
+        "a row for each run: outcome, verdicts, metrics, factors; `weight` of its configuration's rate where a rule ended runs",
     ),
     "verdicts": (
         "verdicts.parquet",

@@ -137,3 +137,9 @@ def test_answers_are_plain_json(call, ids):
         assert json.loads(json.dumps(call(tool), allow_nan=False))
     for tool in ("tables", "failures"):
         assert json.loads(json.dumps(call(tool, campaign=ids[0]), allow_nan=False))
+
+
+def test_configuration_without_a_robot_is_not_drawn(call, ids, monkeypatch):
+    monkeypatch.setattr("vastflow.flows.analysis.comparison_pictures.read_walks", lambda *_: None)
+    said = call("draw_map", campaign=ids[0], configuration="room-1")
+    assert said.endswith("room-1 can't be drawn: office-2026-11-28-060000 has no recording of it")

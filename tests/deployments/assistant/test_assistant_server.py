@@ -212,6 +212,11 @@ def test_fault_of_vastflow_is_a_sentence_and_its_trace_in_the_log(call, monkeypa
     assert "ZeroDivisionError: division by zero" in capsys.readouterr().err
 
 
+def test_answer_that_is_too_large_is_a_sentence(call, monkeypatch):
+    monkeypatch.setattr("vastflow.deployments.assistant.answers.robot_text", lambda _: "x" * 10**6)
+    assert "at most 200,000 characters, got 2,00" in call("campaigns")
+
+
 def test_schemas_of_all_tools_stay_below_the_ceiling(answers, drafts):
     server = server_of(answers, drafts, allow_run=True)
     tools = [each.model_dump(by_alias=True, exclude_none=True) for each in asyncio.run(server.list_tools())]
