@@ -43,7 +43,10 @@ class ExportSource:
         self._directory = directory
         with reading(directory):
             tables = read_tables(directory)
-            self.campaign = str(tables.metadata["name"])
+            self.metadata: Mapping[str, Any] = tables.metadata
+            self.campaign = str(self.metadata["name"])
+            searched = directory / "evaluations.parquet"
+            self.evaluations = list(table_rows(searched)) if searched.is_file() else []
             self.headline = headline_of(tables).text
             campaign_file = yaml_value(tables.campaign) or {}
             self._scenario_file = Path(campaign_file.get("execution", {}).get("scenario_file") or "").name
@@ -250,9 +253,12 @@ def export(
         patterns = [pattern for pattern in only if _fits(row, pattern)]
         runs = _Runs(source, row, partial(progress, k, len(rows)), patterns) if row["duplicate_of"] is None else ()
         about = (row["name"], row["family"], source.scenario_of(row), source.values_of(row), row["duplicate_of"])
-        configurations.append(ExportedConfiguration(*about, runs))
+        configurations.append(ExportedConfiguration(*about, runs, row["provenance"]))
     headline = "" if only else source.headline
-    campaign = ExportedCampaign(source.campaign, headline, configurations, source.shared_files())
+    chosen_names = {row["name"] for row in rows}
+    told = [each for each in source.evaluations if each["configuration"] in chosen_names or not only]
+    about_it = headline, configurations, source.shared_files(), source.metadata, told
+    campaign = ExportedCampaign(source.campaign, *about_it)
     with _filled(folder) as place:
         for name, content in files_of_format(chosen or Vast(), campaign):
             file = _below(place, name)

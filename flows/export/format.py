@@ -23,6 +23,7 @@ class ExportedConfiguration:
     Attributes:
         scenario: Name of its scenario.
         values: Values of the scenario's parameters; a file is its place in `ExportedCampaign.files`, as a `PurePosixPath`.
+        provenance: Notes of its producers, such as `_path_length` in m.
         duplicate_of: The configuration of the same content that ran in its place; None if it ran itself.
         runs: In the order of their index, each read when its turn comes; none of a duplicate.
     """
@@ -33,6 +34,7 @@ class ExportedConfiguration:
     values: Mapping[str, Any] = field(default_factory=dict)
     duplicate_of: str | None = None
     runs: Iterable[ExportedRun] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,16 @@ class ExportedCampaign:
     Attributes:
         headline: Result of the campaign in a sentence; empty if configurations were chosen.
         files: The campaign file and all that it names, by their places in its folder.
+        metadata: Content of its `metadata.json`.
+        evaluations: Rows of a search's `evaluations.parquet`.
     """
 
     name: str
     headline: str = ""
     configurations: Sequence[ExportedConfiguration] = ()
     files: Mapping[str, Path] = field(default_factory=dict)
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    evaluations: Sequence[Mapping[str, Any]] = ()
 
 
 class Format(ABC):

@@ -20,6 +20,7 @@ from vastflow.oracles.replay.recorded import RecordedRun
 from vastflow.sim.model.blocks import Columns as Recorded
 from vastflow.sim.model.recording import Columns, RunLog, Use
 from vastflow.sim.run import PERIOD_S
+from vastflow.sim.scenario.tree.world import WORLD
 
 STATUS_NUMBERS: Final = {"INVALID": 1, "RUNNING": 2, "SUCCESS": 3, "FAILURE": 4}
 """Numbers of ROS messages for the status of a behavior."""
@@ -39,8 +40,10 @@ _LINE_KEYS: Final = (
 )
 _LINE: Final = dict(zip((*_TREE, "file", "line", "column"), _LINE_KEYS, strict=True))
 """Our columns to the keys of a line of `behaviors.jsonl`."""
-_CSV: Final = ("t_s", "name", "behavior", "number", "status", "class_name", "parent", "child_index", "message")
-_RENAMED: Final = {**{name: _LINE[name] for name in _TREE[:-1]}, "number": "status", "status": "status_name"}
+_CSV: Final = ("t_s", "name", "behavior", "number", "status", "class_name")
+_RENAMED: Final = {**{name: _LINE[name] for name in _CSV if name in _LINE}, "number": "status", "status": "status_name"}
+_ACTIONS: Final = {name.rpartition(".")[2]: name for name in WORLD}
+"""Names of actions to what RoboVAST calls them: after their actor."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +96,7 @@ def files_of(run: ExportedRun, case: Case) -> Iterator[tuple[str, bytes]]:
             yield "poses.csv", poses_csv(run.recorded)
     if run.behaviors:
         rows = pd.DataFrame(run.behaviors)
-        numbered = rows.assign(number=[STATUS_NUMBERS.get(status, 0) for status in rows["status"]])
-        yield "behaviors.csv", _csv(numbered[[*_CSV, "line", "column"]].rename(columns=_RENAMED))
+        yield "behaviors.csv", behaviors_csv(rows)
         yield "behaviors.jsonl", _behavior_lines(run, rows)
     if run.log is not None:
         # of the run's programs, else of the worker that simulated it
@@ -104,6 +106,17 @@ def files_of(run: ExportedRun, case: Case) -> Iterator[tuple[str, bytes]]:
         for name, text in _logs(run.log):
             yield f"logs/{name}", text.encode(errors="replace")
         yield "logs/host.json", f"{json.dumps(run.host, indent=1)}\n".encode()
+
+
+def behaviors_csv(rows: pd.DataFrame) -> bytes:
+    """Return status changes of behaviors as CSV in RoboVAST's columns, numbered from 1 in the order in which they appear."""
+    numbers = {behavior: k for k, behavior in enumerate(dict.fromkeys(rows["behavior"]), 1)}
+    told = rows.assign(
+        number=[STATUS_NUMBERS.get(status, 0) for status in rows["status"]],
+        behavior=[numbers[behavior] for behavior in rows["behavior"]],
+        name=[_ACTIONS.get(name, name) for name in rows["name"]],
+    )
+    return _csv(told[list(_CSV)].rename(columns=_RENAMED))
 
 
 def poses_csv(recorded: Recorded) -> bytes:

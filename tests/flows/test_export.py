@@ -4,6 +4,8 @@ import csv
 import io
 import json
 import re
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import get_type_hints
 from xml.etree import ElementTree
@@ -19,7 +21,9 @@ from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.cli import export as export_command
+from vastflow.flows.export.catalog import Vast
 from vastflow.flows.export.export import export
+from vastflow.flows.export.format import ExportedCampaign
 from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, case_of, files_of
 from vastflow.oracles.judgment.verdict import Metric, Verdict
@@ -117,7 +121,7 @@ def test_exported_files_are_as_in_golden_file(results, small_room, tmp_path, mon
         f"=== {path.relative_to(exported).as_posix()}\n"
         + (
             ""
-            if "_config" in path.parts
+            if path.relative_to(exported).parts[0] == "_config" or path.suffix == ".db"
             else path.read_bytes().replace(b"\0", b"\\0").decode(errors="backslashreplace")
         )
         for path in files
@@ -130,6 +134,8 @@ def test_exported_files_are_as_in_golden_file(results, small_room, tmp_path, mon
     assert (
         load_map(exported / "room-2" / given["map_file"]).digest == load_map(small_room.with_name("room.yaml")).digest
     )
+    own = yaml.safe_load((exported / "room-2/_config/scenario.config").read_text())["navigate_to_pose"]
+    assert (exported / "_config" / own["map_file"]).samefile(exported / "room-2" / given["map_file"])
     for name, source in (("campaign.vast", small_room), ("room.yaml", small_room.with_name("room.yaml"))):
         assert (exported / "_config" / name).read_bytes() == source.read_bytes()
 
@@ -155,6 +161,50 @@ def test_export_leaves_table_beside_file_of_its_name_as_parquet(small_room, tmp_
     assert pq.read_table(folder / "b.parquet").to_pydict() == {"n": [2]}
 
 
+def test_export_keeps_programs_files_beside_its_own_without_replacing_one(small_room, tmp_path):
+    files = {name: b"theirs" for name in ("test.xml", "logs", "sysinfo.yaml/x", "out.csv")}
+    found = ConfigurationResult(
+        verdicts=[Verdict("success", 0, "pass")],
+        outputs=[write_outputs({0: Outputs(files=files)})],
+        logs=[log_block({0: SIMULATED})],
+    )
+    export(campaign_directory(small_room, tmp_path / "results", found), tmp_path / "out")
+    folder = tmp_path / "out/room-1/0"
+    assert {name: (folder / "outputs" / name).read_bytes() for name in files} == files
+    assert (folder / "out.csv").read_bytes() == b"theirs" and (folder / "logs/host.json").is_file()
+    assert ElementTree.parse(folder / "test.xml").getroot().tag == "testsuite"
+
+
+def test_export_names_platform_only_of_a_host_that_the_campaign_knows(results, tmp_path):
+    metadata = json.loads((results / "metadata.json").read_text())
+    for name, cpus, kind in (("bench", metadata["host"]["cpus"], "local"), ("other", None, "cluster")):
+        metadata["host"]["name"] = name
+        (results / "metadata.json").write_text(json.dumps(metadata))
+        export(results, tmp_path / name)
+        told = yaml.safe_load((tmp_path / name / "room-1/0/sysinfo.yaml").read_text())
+        assert (told["available_cpus"], told["platform"]["machine"]) == (cpus, "x86_64")
+        assert yaml.safe_load((tmp_path / name / "_execution/execution.yaml").read_text())["execution_type"] == kind
+
+
+def test_campaign_db_has_a_search_s_proposals_in_their_batches(tmp_path):
+    told = [
+        {"configuration": f"a-{k}", "batch": k // 2, "point": '{"x": 1}', "standing": "judged", "objective": k / 4}
+        for k in range(3)
+    ]
+    metadata = {"search": {"objective": "rate", "ended_by": "evaluations"}, "created": "2026-11-29T07:00:00"}
+    (tmp_path / "campaign.db").write_bytes(
+        dict(Vast().files(ExportedCampaign("c", metadata=metadata, evaluations=told)))["campaign.db"]
+    )
+    with closing(sqlite3.connect(tmp_path / "campaign.db")) as database:
+        rows = database.execute(
+            "SELECT config_name, idx, objective, objectives_json FROM unit JOIN batch ON batch.id = batch_id"
+        )
+        assert rows.fetchall() == [(f"a-{k}", k // 2, k / 4, json.dumps({"rate": k / 4})) for k in range(3)]
+        assert database.execute("SELECT mode, batches, stop_kind FROM campaign").fetchall() == [
+            ("search", 2, "evaluations")
+        ]
+
+
 def test_export_distinguishes_duplicates_faults_and_missing_verdicts(small_room, tmp_path):
     small_room.write_text(small_room.read_text().replace("[0.0, 0.02]", "[0.0, 0.0]"))
     verdicts = [Verdict("success", 0, "pass"), Verdict("safety", 0, "not judged", "there is no box")]
@@ -162,7 +212,11 @@ def test_export_distinguishes_duplicates_faults_and_missing_verdicts(small_room,
     directory = campaign_directory(small_room, tmp_path / "results", found, ("success", "safety"))
     said = called("export", directory, tmp_path / "out").stdout
     assert "2 configurations, 1 equal to another; 2 runs: 0 passed, 0 failed, 1 broken, 1 not judged" in said
-    assert sorted(path.name for path in (tmp_path / "out/room-2").iterdir()) == ["duplicate_of", "scenario.config"]
+    assert sorted(path.name for path in (tmp_path / "out/room-2").iterdir()) == [
+        "_config",
+        "duplicate_of",
+        "scenario.config",
+    ]
     assert (tmp_path / "out/room-2/duplicate_of").read_text() == "room-1\n"
     fault = "fault in execute: MemoryError: 3 GB"
     for run, tag, message in (
@@ -221,7 +275,9 @@ def test_interrupted_export_leaves_nothing_and_overwrites_nothing(results, tmp_p
         before = folder.stat().st_ino
         export(results, folder)
         assert folder.stat().st_ino == before  # it may be a mount point
-        assert {path.name for path in folder.iterdir()} == {"_config", "room-1", "room-2", "test.xml"}
+        assert {path.name for path in folder.iterdir()} == {
+            *("_config", "_execution", "_transient", "campaign.db", "junit.xml", "room-1", "room-2"),
+        }
 
 
 def test_export_refuses_output_outside_of_folder(small_room, tmp_path):
