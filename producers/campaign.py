@@ -24,6 +24,7 @@ from vastflow.producers.campaign_file.spec import (
     is_tolerated_in_family,
     unexecuted,
 )
+from vastflow.producers.campaign_file.visualization import visualization_notes
 from vastflow.producers.catalog.path import UNPROVED, PathVariationRandom
 from vastflow.producers.instantiation.family import FamilyReader
 from vastflow.producers.instantiation.instantiate import Family
@@ -174,6 +175,7 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
     notes += [*program_notes, *reader.notes]
     steps = steps_of(spec.results_processing.postprocessing)
     notes += step_notes(document, steps, path.parent, ("results_processing", "postprocessing"))
+    notes += visualization_notes(document, spec.evaluation.visualization, path.parent)
     runs = spec.execution.runs
     return Campaign(
         path=path,

@@ -35,7 +35,7 @@ from vastflow.oracles.query.selection import (
     python_of,
 )
 from vastflow.oracles.results.unusable import DAMAGE, reading
-from vastflow.sim.model.files import is_file, is_inside, read_bytes, read_text
+from vastflow.sim.model.files import is_file, is_inside, read_bytes, read_json, read_text
 from vastflow.sim.model.parquet import open_table
 
 MOST_POINTS: Final = 5000
@@ -53,6 +53,7 @@ _WAIT_S: Final = 0.05
 _FORMATS: Final = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
 
 REPORT: Final = "report.html"
+POSTPROCESSING: Final = "postprocessing"
 CLASSES: Final = ("reliable", "systematic", "flaky", "undecided")
 _STILL: Final = (
     "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; media-src data:; "
@@ -84,7 +85,16 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             classes=[(name, counts[name]) for name in CLASSES if counts[name]],
             has_report=_own_file(directory.path, REPORT) is not None,
             file=_campaign_file(directory.path),
+            notebooks=_notebooks(directory.path),
         )
+
+    def notebook(request: Request) -> Response:
+        path = directories.find(name_of(request, "c")).path
+        file = _own_file(path, f"{POSTPROCESSING}/{name_of(request, 'n')}")
+        if file is None or name_of(request, "n") not in _notebooks(path):
+            raise HTTPException(404, "This campaign has no such notebook.")
+        with reading(path):
+            return HTMLResponse(read_bytes(file), headers={"Content-Security-Policy": _STILL})
 
     def report(request: Request) -> Response:
         file = _own_file(directories.find(name_of(request, "c")).path, REPORT)
@@ -114,6 +124,7 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     return [
         Route("/campaign", page),
         Route("/report", report),
+        Route("/notebook", notebook),
         *(Route(f"/api/{name}", view(name, made)) for name, made in views.items()),
         *configuration_page.routes(opened, pages),
     ]
@@ -141,6 +152,15 @@ def _kinds(campaign: Campaign, mask: Bools) -> list[Mapping[str, Any]]:
 
     with suppress(*DAMAGE):  # the rest of the page does without
         return failure_kinds(campaign.failures[mask[campaign.failures.row]])[: facets.MOST_REASONS]
+    return []
+
+
+def _notebooks(directory: Path) -> list[str]:
+    """Pages of the notebooks that the campaign file names, by their places below the folder of postprocessing."""
+    with suppress(*DAMAGE):
+        steps = read_json(directory / POSTPROCESSING / "steps.json")["steps"]
+        shown = [step["files"] for step in steps if "level" in step["parameters"]]
+        return [name for files in shown for name in files if name.endswith(".html")]
     return []
 
 

@@ -22,6 +22,7 @@ from vastflow.flows.cli.export import export
 from vastflow.flows.cli.floorplan import floorplan
 from vastflow.flows.cli.init import init
 from vastflow.flows.cli.minimize import minimize
+from vastflow.flows.cli.notebook import notebook
 from vastflow.flows.cli.params import params
 from vastflow.flows.cli.plan import plan
 from vastflow.flows.cli.replay import replay
@@ -98,7 +99,7 @@ def _options(
     """Options of `vastflow` without a command."""
 
 
-for command in (init, validate, plan, run, show, replay, compare, minimize, export, params, deploy):
+for command in (init, validate, plan, run, show, replay, compare, minimize, export, notebook, params, deploy):
     app.command()(command)
 app.add_typer(store, name="store")
 app.add_typer(floorplan, name="floorplan")

@@ -16,6 +16,7 @@ from vastflow.oracles.judgment.oracle import Oracle
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.postprocessing import steps_of
+from vastflow.producers.campaign_file.visualization import visualization_of
 from vastflow.producers.floorplan.files import PlanFile, VariationFile
 from vastflow.sim.model.digest import FileContent, digest, file_digest
 from vastflow.sim.model.faults import FileError
@@ -80,6 +81,8 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     others += files_of(Path(campaign.abstract.path)) if isinstance(campaign.abstract, FileContent) else []
     others += [Path(file.path) for _, file in (campaign.programs.files if campaign.programs else ())]
     others += [file for step in steps_of(campaign.spec.results_processing.postprocessing) for file in step.files(base)]
+    named = visualization_of(campaign.spec.evaluation.visualization)
+    others += [base / step.file for step in named if (base / step.file).is_file()]
     for other in dict.fromkeys(others):
         kept.keep(other)
     for plug_in in (*producers, *oracles):

@@ -1,11 +1,8 @@
 """Run a campaign file's postprocessing steps over a copy of the results, and keep their files."""
 
 import json
-import os
-import signal
-import subprocess
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,19 +12,27 @@ from vastflow.flows.export.catalog import SHARED, Vast
 from vastflow.flows.export.export import export
 from vastflow.flows.results.results import write_json
 from vastflow.flows.results.summary import Results
+from vastflow.flows.run.notebook import Book, execute_kept
 from vastflow.flows.run.postprocessing_step import Request
+from vastflow.flows.run.step_process import end_text, run_process
+from vastflow.oracles.page.call import link_pages
+from vastflow.oracles.results.schema import table_rows
 from vastflow.producers.campaign_file.postprocessing import CONFIG, ProcessingStep
-from vastflow.sim.model.digest import file_digest
+from vastflow.producers.campaign_file.visualization import Level, VisualizationStep
+from vastflow.sim.model.digest import digest, file_digest
 from vastflow.sim.model.faults import message_of
-from vastflow.sim.model.files import copy_file, read_json
+from vastflow.sim.model.files import copy_file, read_json, read_text
 from vastflow.tasks.engine.engine import RunFault
-from vastflow.tasks.engine.process import own_environment, python_command
+from vastflow.tasks.engine.process import python_command
+from vastflow.tasks.store.store import Store
 
 FOLDER: Final = "postprocessing"
 STAGE: Final = "postprocessing"
 STEPS: Final = "steps.json"
-_SAID: Final = 2000
-"""Characters of what a step's process writes that are kept, the last ones."""
+NOTEBOOKS: Final = "visualization"
+_READ: Final = ("recordings", "traces", "outputs", "inputs", "environments", FOLDER)
+MOST: Final = 12
+"""Runs, or configurations, for which a notebook is executed: a campaign has thousands, and each takes seconds."""
 
 
 @dataclass(frozen=True)
@@ -47,24 +52,36 @@ class Processed:
     files: Mapping[str, str] = field(default_factory=dict)
 
 
-def run_steps(written: Results, steps: Sequence[ProcessingStep], base: Path) -> Results:
-    """Run the steps over a written campaign directory, and add faults for failed steps.
+def run_steps(
+    written: Results,
+    steps: Sequence[ProcessingStep],
+    base: Path,
+    notebooks: Sequence[VisualizationStep] = (),
+    store: Store | None = None,
+) -> Results:
+    """Run the steps, then the notebooks, over a written campaign directory, and add faults for those that fail.
 
     What a step writes into its copy of the results lies in the campaign directory's folder `postprocessing`, at the same place.
 
     Args:
         base: The campaign file's folder.
+        store: Keeps executed notebooks.
     """
-    if not steps:
+    if not steps and not notebooks:
         return written
     directory, file = written.directory, written.directory / "metadata.json"
     metadata = read_json(file)
     with TemporaryDirectory(prefix="vastflow-", ignore_cleanup_errors=True) as aside:
         copy = _Copy(directory, Path(aside).resolve() / directory.name)
         done = list(_each(steps, base, copy))
+        shown = [] if store is None else list(_executed(notebooks, base, copy, store))
     (directory / FOLDER).mkdir(exist_ok=True)
-    write_json(directory / FOLDER / STEPS, {"steps": [asdict(step) for step in done]})
-    faults = [RunFault("", None, STAGE, f"{step.name}: {step.message}") for step in done if step.outcome == "failed"]
+    write_json(directory / FOLDER / STEPS, {"steps": [asdict(step) for step in (*done, *shown)]})
+    link_pages(directory, [f"{FOLDER}/{name}" for step in shown for name in step.files if name.endswith(".html")])
+    ends = [*((STAGE, step) for step in done), *((NOTEBOOKS, step) for step in shown)]
+    faults = [
+        RunFault("", None, stage, f"{step.name}: {step.message}") for stage, step in ends if step.outcome == "failed"
+    ]
     if faults:
         write_json(file, {**metadata, "faults": [*metadata.get("faults", []), *map(asdict, faults)]})
     return replace(written, faults=(*written.faults, *faults))
@@ -86,6 +103,66 @@ def _each(steps: Sequence[ProcessingStep], base: Path, copy: "_Copy") -> Iterato
             copy_file(copy.folder / name, copy.directory / FOLDER / name)
         files = {name: file_digest(copy.folder / name) for name in new}
         yield replace(said, outcome="done" if done else "failed", message=message, files=files)
+
+
+def _executed(notebooks: Sequence[VisualizationStep], base: Path, copy: "_Copy", store: Store) -> Iterator[Processed]:
+    read = _digest_of(copy.directory) if notebooks else ""
+    for step in notebooks:
+        about = {"tab": step.tab, "level": step.level}
+        if complaint := step.complaint(base):
+            yield Processed(step.name, "failed", message_of(*complaint), about)
+            continue
+        copy.state()
+        text, places = read_text(base / step.file), _places(step.level, copy.directory)
+        books = [_book(step, text, copy, place) for place in places[:MOST]]
+        wrong = execute_kept(books, read, store)
+        made = [Path(f"{book.place}.{kind}") for book in books for kind in ("html", "ipynb")]
+        new = [path.relative_to(copy.folder).as_posix() for path in made if path.is_file()]
+        for name in new:
+            copy_file(copy.folder / name, copy.directory / FOLDER / name)
+        files = {name: file_digest(copy.folder / name) for name in new}
+        failed = [
+            f"{Path(book.folder).relative_to(copy.folder)}: {each}"
+            for book, each in zip(books, wrong, strict=True)
+            if each
+        ]
+        others = f"{len(books)} executed" + (f", {len(places) - MOST} left out" if places[MOST:] else "")
+        message = "; ".join([*failed[:1], *([f"{len(failed) - 1} more"] if failed[1:] else [])]) or others
+        yield Processed(step.name, "failed" if failed else "done", message, about, files)
+
+
+def _book(step: VisualizationStep, text: str, copy: "_Copy", place: Sequence[str]) -> Book:
+    folder = copy.folder.joinpath(*place)
+    named = re.sub(r"[^A-Za-z0-9]+", "-", step.tab).strip("-")[:60] or "notebook"
+    configuration, run, *_ = (*place, "", "0")
+    values = {
+        "DATA_DIR": str(folder),
+        "RESULTS": str(copy.directory),
+        "CONFIGURATION": configuration,
+        "RUN": int(run or 0),
+    }
+    return Book(text, values, str(folder), str(folder / f"{named}-{step.level}"))
+
+
+def _places(level: Level, directory: Path) -> list[tuple[str, ...]]:
+    """Folders of a level below the campaign's, those that failed first."""
+    if level == "campaign":
+        return [()]
+    failed: dict[tuple[str, ...], bool] = {}
+    for row in table_rows(directory / "verdicts.parquet", "configuration", "run_index", "judgment"):
+        run = (row["configuration"], str(row["run_index"]))
+        failed[run] = failed.get(run, False) or row["judgment"] == "fail"
+    ordered = sorted(failed, key=lambda run: not failed[run])  # stable
+    return list(dict.fromkeys(run if level == "run" else run[:1] for run in ordered))
+
+
+def _digest_of(directory: Path) -> str:
+    """Digest of all results that a notebook may read, without times and hosts."""
+    files = [path for name in _READ for path in (directory / name).rglob("*")]
+    files += directory.glob("*.parquet")
+    return digest(
+        {path.relative_to(directory).as_posix(): file_digest(path) for path in sorted(files) if path.is_file()}
+    )
 
 
 @dataclass(frozen=True)
@@ -118,45 +195,14 @@ def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
             arguments = [
                 f"{config}/{each.removeprefix(CONFIG)}" if each.startswith(CONFIG) else each for each in arguments
             ]
-            code, said = _process([str(file), *arguments, str(copy)], copy, "")
-            return code == 0, said if code == 0 else _end_text(code, "", said)
+            code, said = run_process([str(file), *arguments, str(copy)], copy, "")
+            return code == 0, said if code == 0 else end_text(code, "", said)
         answer = Path(aside) / "answer.json"
         class_name = step.name.rpartition(":")[2]
         request = Request(str(file), class_name, dict(step.parameters), str(copy), str(config), str(answer))
         command = python_command("vastflow.flows.run.postprocessing_step")
-        code, said = _process(command, copy, json.dumps(asdict(request)))
+        code, said = run_process(command, copy, json.dumps(asdict(request)))
         if not answer.is_file():
-            return False, f"its process {_end_text(code, ' without an answer', said)}"
+            return False, f"its process {end_text(code, ' without an answer', said)}"
         done, message = json.loads(answer.read_text(encoding="utf-8"))
         return bool(done), str(message)
-
-
-def _process(command: Sequence[str], folder: Path, request: str) -> tuple[int, str]:
-    environment = {**own_environment(), "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1"}
-    with TemporaryDirectory(prefix="vastflow-") as aside, (Path(aside) / "log").open("wb+") as log:
-        try:
-            process = subprocess.Popen(
-                command,
-                cwd=folder,
-                env=environment,
-                stdin=subprocess.PIPE,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-            )
-        except OSError as error:
-            return 126, f"{Path(command[0]).name} can't be started: {error.strerror or error}"
-        try:
-            process.communicate(request.encode())
-        finally:
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-        log.seek(max(0, log.seek(0, os.SEEK_END) - _SAID))
-        return process.returncode, log.read().decode("utf-8", "replace").strip()
-
-
-def _end_text(code: int, how: str, said: str) -> str:
-    ended = f"was ended by signal {-code}" if code < 0 else f"ended with code {code}"
-    last = said.rpartition("\n")[2].strip()
-    return f"{ended}{how}{': ' if said else ''}{last}"

@@ -29,6 +29,7 @@ from vastflow.flows.run.judged import Judged
 from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.flows.run.search_tables import search_record, write_search
 from vastflow.producers.campaign_file.postprocessing import steps_of
+from vastflow.producers.campaign_file.visualization import visualization_of
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.store.store import StoreError, store_address
@@ -72,15 +73,17 @@ def write_campaign(run: PreparedCampaign, computing: Computing, judged: Judged, 
         if run.search is not None:
             write_search(place, run.search)
         written = write_judged(run, computing, judged, log.directory, record, report, kept)
-    if steps := steps_of(run.campaign.spec.results_processing.postprocessing):
+    steps = steps_of(run.campaign.spec.results_processing.postprocessing)
+    notebooks = visualization_of(run.campaign.spec.evaluation.visualization)
+    if steps or notebooks:
         from vastflow.flows.run.postprocess import run_steps
 
         computing.tally.begin("postprocessing")
-        written = run_steps(written, steps, run.campaign.path.parent)
+        written = run_steps(written, steps, run.campaign.path.parent, notebooks, run.store)
     log_end(log, written)
     remember_made(written.directory)
     results = run.delivery.delivered(written)
-    if run.delivery.address is None and not steps and not written.faults:
+    if run.delivery.address is None and not (steps or notebooks) and not written.faults:
         seal(written.directory)
         if KEY in record:
             run.store.put(_complete(record[KEY]), {})

@@ -226,11 +226,10 @@ class EvaluationSpec(Section):
 
     oracles: NamedSteps = Field(default_factory=list)
     """Oracles that judge each run, `- name` or `- name: {parameters}`. Not part of version 1 elsewhere."""
-    visualization: Annotated[
-        Annotated[list[Annotated[dict[str, Notebooks], AfterValidator(_one_tab)]], EmptyIsList],
-        Unexecuted("report.html shows the results, and no notebook runs"),
-    ] = Field(default_factory=list)
-    """Notebooks over the results, `- Tab: {run, config, batch, campaign}`."""
+    visualization: Annotated[list[Annotated[dict[str, Notebooks], AfterValidator(_one_tab)]], EmptyIsList] = Field(
+        default_factory=list
+    )
+    """Notebooks over the results, `- Tab: {run, config, campaign}`."""
 
 
 class CampaignSpec(Section):

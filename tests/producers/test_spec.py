@@ -90,7 +90,7 @@ def test_ineffective_keys_are_found() -> None:
         *(f"execution.{key}" for key in ("image", "simulation", "resources", "secondary_containers", "runs_per_job")),
         *("execution.run_as_user", "execution.kubernetes"),
         *(f"results_processing.{key}" for key in ("metadata_processing", "publication")),
-        *("general", "evaluation.visualization"),
+        "general",
     }
 
 

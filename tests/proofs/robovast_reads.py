@@ -140,7 +140,7 @@ def executed(name: str, home: Path) -> Path:
 
 
 def read(python: Path, exported: Path, home: Path) -> dict[str, object]:
-    """What RoboVAST's functions return for an export."""
+    """Return what RoboVAST's functions give for an export."""
     script = home / "reads.py"
     script.write_text(READS.replace("DATA_DIR = ''", f"DATA_DIR = {str(exported)!r}"), encoding="utf-8")
     run(python, script, home / "found.json")

@@ -1,0 +1,85 @@
+"""Execute notebooks in this process's children, and write them with their pages.
+
+On standard input it gets the books as JSON; for each, a line in the file `answer` says what went wrong, empty if nothing did.
+"""
+
+import html
+import json
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+_PAGE: Final = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">
+<style>
+body {{ font: 15px/1.5 system-ui, sans-serif; max-width: 70rem; margin: 2rem auto; padding: 0 1rem; color: #1b1f24; background: #fff }}
+pre {{ font-size: 12px; line-height: 1.45; overflow-x: auto; margin: .4rem 0 }}
+.input_area pre, .highlight pre {{ background: #f4f6f8; padding: .6rem .8rem; border-radius: 6px }}
+.prompt, .anchor-link {{ display: none }}
+img {{ max-width: 100% }}
+table {{ border-collapse: collapse; font-size: 13px; margin: .6rem 0 }}
+th, td {{ border-bottom: 1px solid #d8dee4; padding: .2rem .6rem; text-align: right }}
+</style></head><body>
+{body}
+</body></html>
+"""
+"""No script of a notebook's outputs is executed, and nothing is asked of the network."""
+
+
+def execute(book: dict[str, Any], limit_s: float) -> str:
+    """Execute one notebook, write it and its page, and return what went wrong in a sentence."""
+    import nbformat
+    from nbclient import NotebookClient
+    from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
+    from nbconvert import HTMLExporter
+
+    from vastflow.flows.run.notebook import filled
+
+    text, wrong = filled(book["text"], book["values"]) if book["is_executed"] else book["text"], ""
+    notebook = nbformat.reads(text, as_version=4)  # type: ignore[no-untyped-call]
+    if book["is_executed"]:
+        there = {"metadata": {"path": book["folder"]}}
+        client = NotebookClient(notebook, timeout=limit_s, kernel_name="python3", resources=there)
+        try:
+            client.execute()
+        except CellExecutionError as error:
+            wrong = f"{error.ename}: {' '.join(str(error.evalue).split())[:300]}"
+        except CellTimeoutError:
+            wrong = f"expected an end within {limit_s:g} s, got none"
+        except DeadKernelError:
+            wrong = "its kernel ended"
+        if wrong:
+            begun = [k for k, cell in enumerate(notebook.cells, 1) if "iopub.execute_input" in _times(cell)]
+            wrong = f"cell {begun[-1]}: {wrong}" if begun else wrong
+        for cell in notebook.cells:
+            cell.metadata.pop("execution", None)  # times, which make equal outputs differ
+        text = nbformat.writes(notebook)  # type: ignore[no-untyped-call]
+    place = Path(book["place"])
+    kept = filled(text, book["values"], back=True) if book["values"].get("DATA_DIR") else text
+    Path(f"{place}.ipynb").write_text(kept, encoding="utf-8")
+    body, _ = HTMLExporter(template_name="basic").from_notebook_node(notebook)  # type: ignore[no-untyped-call]
+    page = _PAGE.format(title=html.escape(place.name), body=body)
+    Path(f"{place}.html").write_text(page, encoding="utf-8", errors="backslashreplace")
+    return wrong
+
+
+def _times(cell: Any) -> Any:
+    return cell.metadata.get("execution", {})
+
+
+def main() -> None:
+    """Answer the request on standard input."""
+    request = json.load(sys.stdin)
+    with Path(request["answer"]).open("a", encoding="utf-8") as answers:
+        for book in request["books"]:
+            try:
+                wrong = execute(book, request["limit_s"])
+            except Exception as error:  # noqa: BLE001 - a user's notebook, in whatever shape
+                wrong = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+            answers.write(json.dumps(wrong) + "\n")
+            answers.flush()
+
+
+if __name__ == "__main__":
+    main()
