@@ -134,8 +134,6 @@ def _programs(directory: Path, rows: Iterable[Mapping[str, Any]]) -> Iterator[st
             yield f"{name} {str(execution[name])[:100]!r}"
     for step in (campaign.get("results_processing") or {}).get("postprocessing") or ():
         yield from (f"postprocessing by {name}" for name in step if name not in {*RECORDED, *UNTOUCHED})
-    for tab in (campaign.get("evaluation") or {}).get("visualization") or ():
-        yield from (f"notebook {file}" for named in tab.values() for level, file in named.items() if level != "batch")
     if any(json_value(row["scenario"]).get("programs") for row in rows):
         yield "programs of its scenarios"
 
