@@ -240,9 +240,9 @@ def export(
     for pattern in only:
         fitting = [row for row in rows if _fits(row, pattern)]
         if fitting and not any(_asks(pattern, run) for row in fitting for run in source.run_indices(row["name"])):
-            told = f"no run of {fitting[0]['name']} matches {pattern!r}"
+            unknown = f"no run of {fitting[0]['name']} matches {pattern!r}"
             hint = f"it has the content of {alike}" if (alike := fitting[0]["duplicate_of"]) else ""
-            raise UnusableDirectory(f"{results}: {message_of(told, hint)}")
+            raise UnusableDirectory(f"{results}: {message_of(unknown, hint)}")
         if not fitting:
             names = list(dict.fromkeys(name for row in rows for name in (row["family"], row["name"])))
             hint = did_you_mean(pattern, names, "it has none")
