@@ -10,6 +10,7 @@ from command_line import called, refused
 from explored import TOKEN, explorer_of
 from whole_directory import ConfigurationResult, write_results
 
+from vastflow.deployments.explorer.directories import Directories
 from vastflow.flows.cli import notebook as notebook_command
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.run import notebook as notebook_module
@@ -250,8 +251,9 @@ def test_shipped_notebooks_show_the_numbers_of_the_report(small_room, tmp_path, 
         assert page.count("data:image/png") == 2 and f"postprocessing/{place}" in report
     client = explorer_of(directory.parent)
     client.get("/", params={"token": TOKEN})
-    page = client.get("/campaign", params={"c": directory.name}).text
+    (told,) = Directories([directory.parent]).all()
+    page = client.get("/campaign", params={"c": told.id}).text
     (link,) = re.findall(r'href="(/notebook[^"]*Ours-config[^"]*)"', page)
     shown = client.get(link.replace("&amp;", "&"))
     assert "data:image/png" in shown.text and "sandbox" in shown.headers["content-security-policy"]
-    assert client.get("/notebook", params={"c": directory.name, "n": "../report.html"}).status_code == 404
+    assert client.get("/notebook", params={"c": told.id, "n": "../report.html"}).status_code == 404
