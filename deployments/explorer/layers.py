@@ -1,6 +1,8 @@
 """Layers of a run: what only its execution knows, at ten moments a second or fewer."""
 
 import gzip
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,11 +43,33 @@ def compressed_layers(directory: Path, configuration: str, run_index: int, conse
         UnusableDirectory: the run can't be executed again, or only with its programs.
         NotPermitted: it executes code that the user neither made nor permitted.
     """
+    with _executable(directory, configuration, run_index, consent) as recorded:
+        return gzip.compress(layers_of(recorded), 1)
+
+
+def bag_file(directory: Path, configuration: str, run_index: int, consent: str | None = None) -> bytes:
+    """Return a recorded run as an MCAP file of ROS 2 messages; arguments and errors as `compressed_layers`.
+
+    Raises:
+        UserError: the extra `ros` is not installed.
+    """
+    from vastflow.flows.export.mcap.bag import NAME
+    from vastflow.flows.export.mcap.mcap import bag_of
+
+    with _executable(directory, configuration, run_index, consent) as recorded:
+        if not recorded.recording.columns:
+            raise UnusableDirectory("The scenario has no robot, so there is nothing to show in Foxglove.")
+        return bag_of(recorded)[f"{NAME}.mcap"]
+
+
+@contextmanager
+def _executable(directory: Path, configuration: str, run_index: int, consent: str | None) -> Iterator[RecordedRun]:
+    """Yield a recorded run that the body may execute."""
     with reading(directory.name), code_from(()):
         recorded = recorded_run(directory, configuration, run_index)
     contents = permitted_contents(directory, consent or None) if needs_code(recorded) else ()
     with reading(directory.name), code_from(contents):
-        return gzip.compress(layers_of(recorded), 1)
+        yield recorded
 
 
 def layers_of(recorded: RecordedRun) -> bytes:

@@ -49,13 +49,23 @@ def _layers(*run: Any) -> bytes:
     return compressed_layers(*run)
 
 
+def _bag(*run: Any) -> bytes:
+    from vastflow.deployments.explorer.layers import bag_file
+
+    return bag_file(*run)
+
+
 class KeptLayers:
     """The layers of runs, executed in processes of their own; those of the last runs are kept.
 
     What is asked for waits its turn, however much is asked for, and is given up when nobody waits for it any more.
+
+    Args:
+        execute: Function of a module that returns what is kept of a run, such as its compressed layers.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, execute: Callable[..., bytes] = _layers) -> None:
+        self._execute = execute
         self._asked: dict[Run, asyncio.Task[bytes]] = {}
         self._waiting = Counter[Run]()
         self._turns = asyncio.Semaphore(AT_ONCE)
@@ -108,7 +118,7 @@ class KeptLayers:
         async with self._turns:
             pool = self._taken()
             try:
-                asked = pool.submit(_layers, *run, consent, priority=Priority.EXECUTE)
+                asked = pool.submit(self._execute, *run, consent, priority=Priority.EXECUTE)
                 found: bytes = await asyncio.wrap_future(asked)
             except asyncio.CancelledError:  # its process is not waited for either
                 threading.Thread(target=pool.close, daemon=True).start()
@@ -154,7 +164,7 @@ def around_run(directory: Path, configuration: str, run_index: int) -> Mapping[s
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page."""
-    kept = KeptLayers()
+    kept, bags = KeptLayers(), KeptLayers(_bag)
 
     def run(request: Request) -> Response:
         from vastflow.oracles.query import frames  # a third of a second of imports
@@ -207,13 +217,13 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         with reading(campaign.path.name):
             return Response(packed(*frames_of(stored, configuration)), media_type=ARRAYS)
 
-    async def layers(request: Request) -> Response:
+    async def executed(request: Request, of: KeptLayers, **headers: str) -> Response:
         campaign = await asyncio.to_thread(directories.find, name_of(request, "c"))
         place = campaign.path, name_of(request, "configuration"), number_of(request, "run")
         await request.body()  # only after it a client's end is heard
         try:
             permit = request.query_params.get("permit") or None
-            content = await kept.layers(place, request.is_disconnected, permit)
+            content = await of.layers(place, request.is_disconnected, permit)
         except NotPermitted as error:
             asks = {"named": error.code.named, "digest": error.code.digest}
             return JSONResponse({"error": f"{error.code}.", "asks": asks}, 409)
@@ -221,7 +231,13 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
             raise UnusableDirectory(f"This run can't be executed again: {error}.") from None
         except asyncio.CancelledError:
             raise HTTPException(503, "The explorer was ended.") from None
-        return Response(content, media_type=ARRAYS, headers={"Content-Encoding": "gzip"})
+        return Response(content, media_type=ARRAYS, headers=headers)
+
+    async def layers(request: Request) -> Response:
+        return await executed(request, kept, **{"Content-Encoding": "gzip"})
+
+    async def mcap(request: Request) -> Response:
+        return await executed(request, bags)
 
     def output(request: Request) -> Response:
         campaign = directories.find(name_of(request, "c"))
@@ -242,4 +258,5 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         Route("/output", output),
         Route("/api/frames", frames),
         Route("/api/layers", layers, methods=["POST"]),
+        Route("/api/mcap", mcap, methods=["POST"]),
     ]

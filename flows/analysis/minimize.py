@@ -2,6 +2,7 @@
 
 import io
 import os
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
@@ -88,6 +89,7 @@ class Trials:
     Attributes:
         runs: Number of runs that a candidate needs; the confirmed one gets more, with indices that no trial used.
         compute: None to look into the store alone.
+        until_s: Time of the monotonic clock after which candidates are no longer tried; the first one always is.
         configurations, used: Each built candidate in order, and how many runs its trial and confirmation took.
     """
 
@@ -96,6 +98,7 @@ class Trials:
     test: FailureTest
     runs: PointRuns
     compute: Compute | None = None
+    until_s: float | None = None
     configurations: dict[Candidate, ConfigurationRuns] = field(default_factory=dict)
     used: dict[Candidate, int] = field(default_factory=dict)
     _number: int = 0
@@ -107,7 +110,8 @@ class Trials:
             Lost: its runs are not in the store, and nothing computes them, or what was computed is gone.
         """
         self._number += 1
-        outcome = self._judged(candidate)
+        is_late = self.until_s is not None and self._number > 1 and time.monotonic() > self.until_s
+        outcome = Outcome("not tried", reason="the time was over") if is_late else self._judged(candidate)
         if self.compute is not None:
             self.run.tally.notice(f"{self._number}: {_text(self.candidates.subject, candidate)}: {outcome.text}")
         return outcome
@@ -199,6 +203,7 @@ def minimize_configuration(
     workers: int | None = None,
     observer: Observer | None = None,
     trust: bool = False,
+    for_s: float | None = None,
 ) -> Minimized:
     """Reduce a failing configuration of a campaign directory to the smallest one that still fails.
 
@@ -206,6 +211,7 @@ def minimize_configuration(
         oracle, rate: See `failing_configuration`.
         store, workers, observer: See `vastflow.flows.api.run_campaign`. Cached runs are not executed again.
         trust: Execute code in the directory that this user did not make, now and from now on.
+        for_s: Time after which no further candidate is tried, and the smallest one so far is confirmed; None for no limit.
 
     Raises:
         NotMinimized: the configuration does not fail.
@@ -214,6 +220,7 @@ def minimize_configuration(
         StoreError: the store can't be used.
         PrefectUnavailable: Prefect's API can't be started.
     """
+    until_s = None if for_s is None else time.monotonic() + for_s
     with ExitStack() as stack:
         stack.enter_context(executing(Path(results), "" if trust else None))
         failing = failing_configuration(Path(results), configuration, oracle, rate)
@@ -234,7 +241,7 @@ def minimize_configuration(
                 opened, keys, before.oracles, tally, stage="minimize", workers=workers, stopping=runs
             ) as run,
         ):
-            found, trials = _answered(run, failing, before, test, runs)
+            found, trials = _answered(run, failing, before, test, runs, until_s)
             executed = run.tally.progress().executed
         if isinstance(found, Unconfirmed):
             raise NotMinimized(
@@ -247,7 +254,12 @@ def minimize_configuration(
 
 
 def _answered(
-    run: Computing, failing: Failing, before: BuiltCandidate, test: FailureTest, runs: PointRuns
+    run: Computing,
+    failing: Failing,
+    before: BuiltCandidate,
+    test: FailureTest,
+    runs: PointRuns,
+    until_s: float | None,
 ) -> tuple[Minimum | Unconfirmed, Trials]:
     """Minimize by the store alone, and start a flow only if runs are missing."""
     candidates = before.candidates(failing)
@@ -255,7 +267,7 @@ def _answered(
 
     def ask(compute: Compute | None) -> None:
         runs.confirmed = ""
-        trials = Trials(run, candidates, test, runs, compute)
+        trials = Trials(run, candidates, test, runs, compute, until_s)
         with suppress(Lost):  # what the store lost meanwhile is computed again by the next attempt
             answers.append((minimize(failing.subject.circumstances, trials.judge, trials.confirm), trials))
 

@@ -26,6 +26,7 @@ from vastflow.flows.cli.notebook import notebook
 from vastflow.flows.cli.params import params
 from vastflow.flows.cli.plan import plan
 from vastflow.flows.cli.replay import replay
+from vastflow.flows.cli.report_failure import repeat_failure, report_failure
 from vastflow.flows.cli.run import run
 from vastflow.flows.cli.scenario import scenario
 from vastflow.flows.cli.show import show
@@ -99,7 +100,10 @@ def _options(
     """Options of `vastflow` without a command."""
 
 
-for command in (init, validate, plan, run, show, replay, compare, minimize, export, notebook, params, deploy):
+for command in (
+    *(init, validate, plan, run, show, replay, compare, minimize, report_failure, repeat_failure),
+    *(export, notebook, params, deploy),
+):
     app.command()(command)
 app.add_typer(store, name="store")
 app.add_typer(floorplan, name="floorplan")

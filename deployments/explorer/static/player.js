@@ -1,8 +1,9 @@
 /** The player: one or two runs on one clock. */
-import { $, copy, element, fetchPacked, query, readTheme, remember, showError, within } from "./dom.js";
+import { $, copy, element, fetchPacked, fetched, query, readTheme, remember, showError, within } from "./dom.js";
 import { RunMap } from "./player_map.js";
 import { Layers, Run } from "./player_run.js";
 import { Tracks } from "./player_tracks.js";
+import { save } from "./save.js";
 
 const find = (selector) => /** @type {any} */ (document.querySelector(selector));
 const [play, time, execute] = ["[data-action=toggle]", ".time", "[data-action=execute]"].map(find);
@@ -49,6 +50,7 @@ class Player {
     follow: () => this.#follow(),
     copy: () => copy(this.keep(), said, "The address of this moment is copied.", location.href),
     execute: () => this.load(),
+    foxglove: () => this.#saveBags(),
     help: () => find("dialog").showModal(),
   };
 
@@ -185,6 +187,20 @@ class Player {
     else said.textContent = otherwise;
   }
 
+  /** Save each run as an MCAP file. */
+  async #saveBags() {
+    said.textContent = "Executing …";
+    try {
+      for (const { run, query: place } of this.sides) {
+        const blob = await executed("mcap", place, async (...asked) => (await fetched(...asked)).blob());
+        save(blob, `${run.name.replace(/[^\w.-]+/g, "-")}.mcap`);
+      }
+      said.textContent = "Saved as MCAP: open the file in Foxglove.";
+    } catch (error) {
+      showError(said, error);
+    }
+  }
+
   /** Ask for the layers that only an execution has. */
   async load() {
     execute.disabled = true;
@@ -192,7 +208,7 @@ class Player {
     const told = [];
     for (const side of this.sides.filter(({ view }) => view)) {
       try {
-        side.view.layers = new Layers(await executed(side.query));
+        side.view.layers = new Layers(await executed("layers", side.query, fetchPacked));
         const { activities, sentence, note } = side.view.layers.header;
         side.activities = activities;
         told.push(sentence && `${side.run.name}: ${sentence}`, note);
@@ -220,11 +236,11 @@ function keepSignals() {
 }
 
 /** Execute a run; where it needs code of others, ask whether to permit that code as it is now. */
-async function executed(place, permit = "") {
+async function executed(what, place, read, permit = "") {
   const more = permit && `&permit=${permit}`;
-  return fetchPacked(`/api/layers?${place}${more}`, { method: "POST" }).catch((error) => {
+  return read(`/api/${what}?${place}${more}`, { method: "POST" }).catch((error) => {
     if (!error.asks || permit || !confirm(`${error.message}\nExecute it, now and from now on?`)) throw error;
-    return executed(place, error.asks.digest);
+    return executed(what, place, read, error.asks.digest);
   });
 }
 

@@ -40,7 +40,8 @@ async function pngOf(blob) {
   return canvas.convertToBlob();
 }
 
-function save(blob, name) {
+/** Save a blob as a file. @type {(blob: Blob, name: string) => void} */
+export function save(blob, name) {
   const address = URL.createObjectURL(blob);
   element("a", { href: address, download: name }).click();
   setTimeout(() => URL.revokeObjectURL(address), 10_000);

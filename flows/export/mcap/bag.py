@@ -1,7 +1,7 @@
 """A bag in memory: messages in any order of time, written at once as a directory that `ros2 bag` reads."""
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,9 +15,10 @@ _RANK: Final = {topic: rank for rank, topic in enumerate(TOPICS)}
 
 
 class Bag:
-    """Messages with their times."""
+    """Messages with their times, without those of some topics."""
 
-    def __init__(self) -> None:
+    def __init__(self, without: Collection[str] = ()) -> None:
+        self._without = without
         self._messages: list[tuple[int, int, int, str, bytes]] = []
         self._store = typestore()
 
@@ -28,6 +29,8 @@ class Bag:
 
     def add(self, topic: str, t_ns: int, message: Any) -> None:
         """Add a message at a time of the run."""
+        if topic in self._without:
+            return
         content = bytes(self._store.serialize_cdr(message, TOPICS[topic].kind))
         self._messages.append((t_ns, _RANK[topic], len(self._messages), topic, content))
 

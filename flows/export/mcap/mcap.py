@@ -1,6 +1,6 @@
 """The format `mcap`: each run as a bag of ROS 2 for Foxglove, RViz, and `ros2 bag`."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Final
 
 import numpy as np
@@ -53,8 +53,11 @@ class Mcap(Format):
                         yield f"{each.name}/{exported.run_index}/{NAME}/{name}", content
 
 
-def bag_of(recorded: RecordedRun) -> dict[str, bytes]:
+def bag_of(recorded: RecordedRun, without: Collection[str] = ()) -> dict[str, bytes]:
     """Return the files of a run's bag by their names.
+
+    Args:
+        without: Topics that are left out.
 
     Raises:
         UserError: the extra `ros` is not installed.
@@ -62,11 +65,11 @@ def bag_of(recorded: RecordedRun) -> dict[str, bytes]:
     scenario, recording = recorded.scenario, recorded.recording
     situation, world = situation_of(scenario), world_of(scenario.environment)
     lidar = system_of(scenario.system, is_drawn=True).lidar
-    bag = Bag()
+    bag = Bag(without)
     told = RunMessages(bag)
     missing = _execute(told, recorded, lidar)
     if missing:
-        bag = Bag()  # without what another run saw
+        bag = Bag(without)  # without what another run saw
         told = RunMessages(bag)
         told.says(0, missing, WARN)
     _tell_rows(told, recording.columns, with_frames=bool(missing))

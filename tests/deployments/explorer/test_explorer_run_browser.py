@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import uvicorn
 from chromium import CHROMIUM, Browser, chromium, opened
+from mcap.reader import make_reader
 from synthetic import SyntheticCampaign, a_recording, box_at, walled_room, write_map
 
 from vastflow.deployments.explorer.directories import Directories
@@ -339,6 +340,22 @@ def test_layers_come_on_request_and_report_equality(page: Page):
     assert page.text("[role=status]").startswith("The layers have a moment every 0.1 s")
     assert page.color_at(0.3, 2.0) != wall  # the global costmap
     assert page.text(".maps > *").startswith("following")
+
+
+def test_foxglove_button_saves_run_as_mcap(page: Page, tmp_path: Path):
+    page.open("executed-1")
+    page.browser.ask("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+    page.browser.value("document.querySelector('[data-action=foxglove]').click()")
+    assert wait(page.browser, "said.textContent.startsWith('Saved as MCAP')")
+    end_s = time.monotonic() + WAIT_S
+    while not (saved := [*tmp_path.glob("*.mcap")]) and time.monotonic() < end_s:
+        time.sleep(0.05)
+    with saved[0].open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None and summary.statistics is not None
+    topics = {each.topic for each in summary.channels.values()}
+    assert {"/tf", "/map", "/scan", "/global_costmap/costmap"} <= topics
+    assert summary.statistics.message_end_time == pytest.approx(EXECUTED_S * 1e9, abs=2e8)
 
 
 def test_narrow_page_does_not_scroll_sideways(page: Page):
