@@ -36,7 +36,9 @@ def report_failure(
         float,
         typer.Option("--for", metavar="SECONDS", help="Time to minimize in; what was found by then counts.", min=0.0),
     ] = FOR_S,
-    minimize: Annotated[bool, typer.Option("--minimize/--no-minimize", help="Minimize the configuration too.")] = True,
+    no_minimize: Annotated[
+        bool, typer.Option("--no-minimize", help="Report the run without a smaller campaign.")
+    ] = False,
     trust: Trust = False,
 ) -> None:
     """Write a failed run as a report of at most 1 MB that somebody else can repeat.
@@ -66,7 +68,7 @@ def report_failure(
         failed = failed_run(results, configuration, int(index))
         typestore()  # a missing extra is said before runs are executed
         found = Minimization({}, "It is not minimized: --no-minimize was given.")
-        if minimize:
+        if not no_minimize:
             found = minimized(failed, for_s, display, **asked)
         report = report_of(failed, found)
     with writing(place):

@@ -108,15 +108,20 @@ def test_search_with_unknown_step_is_refused(tmp_path):
 def test_help_lists_commands_and_groups_then_those_of_entry_points():
     _, listed = called("--help").stdout.split("Commands:\n")
     assert [line.split()[0] for line in listed.splitlines() if line.strip()] == [
-        *("init", "validate", "plan", "run", "show", "replay", "compare", "minimize", "export", "notebook"),
-        *("params", "deploy"),
-        *("store", "floorplan", "scenario", "ui"),
+        *("init", "validate", "plan", "run", "show", "replay", "compare", "minimize", "report-failure"),
+        *("repeat-failure", "export", "notebook", "params", "deploy"),
+        *("store", "floorplan", "scenario", "mcp", "ui"),
     ]
 
 
 @each_row(
     ("command", "page"),
-    [("compare", "compare-campaigns.md"), ("export", "export-results.md"), ("replay", "replay-a-run.md")],
+    [
+        ("compare", "compare-campaigns.md"),
+        ("export", "export-results.md"),
+        ("replay", "replay-a-run.md"),
+        ("report-failure", "report-a-failure.md"),
+    ],
 )
 def test_page_of_command_describes_every_option(command, page):
     assert options_on(page) == options_of(command)

@@ -174,7 +174,10 @@ def test_minimized_report_repeats_in_new_process_of_another_home(tmp_path):
     boxes = [planted.box("door", 3.0, 2.5, 1.0), planted.box("a", 1.5, 0.6)]
     values = {"start_pose": planted.START, "goal_pose": planted.GOAL, "static_objects": boxes, planted.NOISE: 0.02}
     file = planted.written(tmp_path, [planted.Plant("blocked", values, frozenset(["obstacle door"]))])
-    planted.map_of(planted.two_rooms(400), tmp_path / "rooms.yaml")
+    cells = planted.two_rooms(400)
+    cells[39:61, 59:61] = 254  # a door of 1.1 m
+    cells[:, 160:162] = 0  # a wall, behind which nobody sees
+    planted.map_of(cells, tmp_path / "rooms.yaml")
     file.write_text(file.read_text().replace(f"timeout: {planted.TIMEOUT_S}", "timeout: 20"))
     store = tmp_path / "store"
     directory = run_campaign(file, results=tmp_path / "results", store=store).directory
@@ -185,7 +188,7 @@ def test_minimized_report_repeats_in_new_process_of_another_home(tmp_path):
         archive.extractall(folder)
     told = (folder / README).read_text()
     assert "Its failure needs" in told and "Its map is cut to what the robot saw" in told
-    maps = [load_map(folder / place / "map" / "rooms.yaml") for place in ("", "minimized")]
+    maps = [load_map(folder / place / "map" / "map.yaml") for place in ("", "minimized")]
     assert maps[0].cells.size > maps[1].cells.size
     cache = platformdirs.user_cache_dir()
     environment = {**os.environ, "HOME": str(home), "XDG_CACHE_HOME": cache}  # of compiled kernels
