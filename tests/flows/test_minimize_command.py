@@ -16,11 +16,11 @@ from table import each_row
 from vastflow.flows import run_campaign
 from vastflow.flows.analysis.candidate_file import candidate_files, placed
 from vastflow.flows.analysis.failing import Failing, _subject
-from vastflow.flows.analysis.minimize import minimize_configuration
+from vastflow.flows.analysis.minimize import Trials, minimize_configuration
 from vastflow.flows.run.computing import Computing
 from vastflow.oracles.results.executed import KeptFiles
 from vastflow.producers.minimization.circumstance import Subject
-from vastflow.producers.minimization.minimize import Candidate, NotBuilt
+from vastflow.producers.minimization.minimize import Candidate, NotBuilt, Outcome
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
@@ -276,3 +276,11 @@ def test_placed_names_kept_paths_of_files_outside_of_campaign_folder():
         "nav2_params": "ab12/rpp.yaml",
         "oracles": [{"cd34/own.py:Own": {"limit": 3}}, "safety", "here.py:Own"],
     }
+
+
+def test_trials_try_first_candidate_alone_after_their_time(monkeypatch):
+    monkeypatch.setattr(Trials, "_judged", lambda trials, candidate: Outcome("fails", 5, 5))
+    trials = Trials(None, None, None, None, until_s=0.0)
+    said = [trials.judge(Candidate(frozenset())) for _ in range(2)]
+    assert [each.standing for each in said] == ["fails", "not tried"]
+    assert said[1].reason == "the time was over"
