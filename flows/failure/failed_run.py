@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from vastflow.flows.analysis.candidate_file import FILE as MINIMAL
 from vastflow.flows.analysis.candidate_file import candidate_files
-from vastflow.flows.analysis.failing import Failing, failing_configuration
+from vastflow.flows.analysis.failing import MESH_KEY, Failing, failing_configuration
 from vastflow.flows.failure.small_map import with_small_map
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.provenance import versions
@@ -88,7 +88,7 @@ def failed_run(directory: Path, configuration: str, run_index: int) -> FailedRun
     """Read a failed run.
 
     Raises:
-        UnusableDirectory: an unknown configuration or run, one that did not fail or has no robot, or a damaged directory.
+        UnusableDirectory: an unknown configuration or run, one that did not fail, has no robot, or is on a floor plan, or a damaged directory.
     """
     recorded = recorded_run(directory, configuration, run_index)
     name, place = recorded.configuration, f"{directory}: {configuration}/{run_index}"
@@ -108,6 +108,9 @@ def failed_run(directory: Path, configuration: str, run_index: int) -> FailedRun
             f"{place}: expected a run of a robot, got one of programs alone, which need not repeat. "
             f"`vastflow export` with `--only {configuration}` writes what they printed and wrote."
         )
+    if MESH_KEY in recorded.scenario.environment:
+        what = "a run on a map, got one on a floor plan: its random numbers follow from the mesh too, which no campaign file can name"
+        raise UnusableDirectory(f"{place}: expected {what}")
     facts = facts_of(stored_run(directory, configuration, run_index), configuration)
     oracle = next(each["oracle"] for each in facts["verdicts"] if each["judgment"] == "fail")
     failing = failing_configuration(directory, name, oracle, 0.0)
