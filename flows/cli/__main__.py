@@ -25,6 +25,7 @@ from vastflow.flows.cli.minimize import minimize
 from vastflow.flows.cli.notebook import notebook
 from vastflow.flows.cli.params import params
 from vastflow.flows.cli.plan import plan
+from vastflow.flows.cli.publish import publish
 from vastflow.flows.cli.replay import replay
 from vastflow.flows.cli.report_failure import repeat_failure, report_failure
 from vastflow.flows.cli.run import run
@@ -32,6 +33,7 @@ from vastflow.flows.cli.scenario import scenario
 from vastflow.flows.cli.show import show
 from vastflow.flows.cli.store import store
 from vastflow.flows.cli.validate import validate
+from vastflow.flows.cli.verify import verify
 from vastflow.flows.terminal.ending import BAD_INPUT, print_error
 from vastflow.flows.terminal.options import with_stages
 from vastflow.sim.model.faults import UserError
@@ -102,7 +104,7 @@ def _options(
 
 for command in (
     *(init, validate, plan, run, show, replay, compare, minimize, report_failure, repeat_failure),
-    *(export, notebook, params, deploy),
+    *(export, notebook, publish, verify, params, deploy),
 ):
     app.command()(command)
 app.add_typer(store, name="store")

@@ -11,7 +11,7 @@ import typer
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible
 from vastflow.flows.terminal.options import AsJson, DryRun, command_group
-from vastflow.flows.terminal.progress import count_text
+from vastflow.flows.terminal.progress import bytes_text, count_text
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.store.artifact import redacted
 
@@ -44,7 +44,7 @@ def info(place: StoreOption = None, as_json: AsJson = False) -> None:
     _print_stages(found)
     if found["unfinished"]:
         print(f"\n{count_text(found['unfinished'], 'artifact')} unfinished or without manifest")
-    sizes = ", ".join(f"{name} {_size_text(size)}" for name, size in local.items())
+    sizes = ", ".join(f"{name} {bytes_text(size)}" for name, size in local.items())
     print(f"\non this machine, in {opened.local}: {sizes}")
 
 
@@ -131,9 +131,9 @@ def gc(
         return
     _print_stages(removed)
     if chosen.environments:
-        print(f"and {len(chosen.environments)} environments of {_size_text(chosen.environments_bytes)}")
+        print(f"and {len(chosen.environments)} environments of {bytes_text(chosen.environments_bytes)}")
     verb = "would be deleted" if dry_run else "deleted"
-    print(f"\n{count_text(len(chosen.removed), 'artifact')} {verb}, {len(chosen.kept)} kept ({_size_text(kept_bytes)})")
+    print(f"\n{count_text(len(chosen.removed), 'artifact')} {verb}, {len(chosen.kept)} kept ({bytes_text(kept_bytes)})")
 
 
 def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
@@ -158,15 +158,8 @@ def _print_stages(found: dict[str, Any]) -> None:
     rows = []
     for name, row in [*found["stages"].items(), ("all", found)]:
         ages = (_age_text(row["oldest_days"]), _age_text(row["newest_days"]))
-        rows.append((name, f"{row['artifacts']:,}", _size_text(row["bytes"]), *ages))
+        rows.append((name, f"{row['artifacts']:,}", bytes_text(row["bytes"]), *ages))
     print_rows([terminal_table(("stage",), ("artifacts", "size", "oldest", "newest"), rows=rows)])
-
-
-def _size_text(size: int) -> str:
-    for power, unit in enumerate(("B", "kB", "MB", "GB")):
-        if size / 1000**power < 999.5:
-            return f"{size / 1000**power:.3g} {unit}"
-    return f"{size / 1e12:.3g} TB"
 
 
 def _age_text(days: float | None) -> str:

@@ -39,6 +39,14 @@ def count_text(n: int, noun: str, plural: str = "") -> str:
     return f"{n:,} {noun if n == 1 else plural or f'{noun}s'}"
 
 
+def bytes_text(size: int) -> str:
+    """Return a size such as `4.9 MB`."""
+    for power, unit in enumerate(("B", "kB", "MB", "GB")):
+        if size / 1000**power < 999.5:
+            return f"{size / 1000**power:.3g} {unit}"
+    return f"{size / 1e12:.3g} TB"
+
+
 def duration_text(seconds: float) -> str:
     """`9 s`, `1:05`, `2:03:04`."""
     whole = round(seconds)

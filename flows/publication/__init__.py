@@ -1,0 +1,1 @@
+"""Publication: a campaign directory as one archive, and its verification elsewhere."""

@@ -1,0 +1,253 @@
+"""Verification of a publication: digests of all files, and a random sample of runs that are executed again."""
+
+import json
+import random
+import subprocess
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from vastflow.flows.publication.bag import MANIFEST, PAYLOAD, TAG_MANIFEST, Bag, UnusableArchive
+from vastflow.flows.publication.crate import CRATE
+from vastflow.flows.publication.prov import FILE, PUBLISHED, SHA256
+from vastflow.flows.publication.publish import CAMPAIGN, PROVENANCE
+from vastflow.flows.terminal.progress import count_text
+from vastflow.oracles.evidence.headline import percent_text
+from vastflow.oracles.results.schema import table_rows
+from vastflow.oracles.results.unusable import reading
+from vastflow.sim.model.files import Unreadable, json_value
+from vastflow.tasks.engine.process import own_environment, python_command
+from vastflow.tasks.store.artifact import FileEntry
+
+FILES: Final = f"{PAYLOAD}{CAMPAIGN}"
+LEVEL: Final = 0.95
+MOST_SILENT_S: Final = 1800.0
+"""Most seconds for one run, the compilation of kernels with it."""
+_UNNEEDED: Final = ("figures/", "traces/", "logs/", "outputs/", "postprocessing/")
+"""Folders that no execution reads."""
+
+Wrong = Literal["differs", "missing", "extra"]
+
+
+@dataclass(frozen=True)
+class CheckedFiles:
+    """The files of an archive as its manifests, its crate, and its provenance have them.
+
+    Attributes:
+        equal: Number of files whose digests are those of BagIt's manifests.
+        described: Number of digests in crate and provenance that were compared.
+        wrong: Name of a file with what is wrong of it, and by which list.
+    """
+
+    equal: int
+    described: int
+    wrong: Sequence[tuple[str, Wrong, str]]
+
+
+def check_files(bag: Bag, folder: Path | None) -> CheckedFiles:
+    """Compare every file with every list of digests, and unpack what an execution needs.
+
+    Args:
+        folder: Where the campaign directory is unpacked; None to unpack nothing.
+
+    Raises:
+        UnusableArchive: a manifest is missing, too large, or no manifest.
+    """
+    manifest, tags = bag.manifest(MANIFEST), bag.manifest(TAG_MANIFEST)
+    listed = {**manifest, **tags}
+    wrong: list[tuple[str, Wrong, str]] = []
+    found: dict[str, FileEntry | None] = {}
+    for name in sorted(bag.files):
+        place = name.removeprefix(FILES)
+        is_needed = folder is not None and name.startswith(FILES) and not place.startswith(_UNNEEDED)
+        found[name] = bag.measured(name, folder / place if folder is not None and is_needed else None)
+        entry = found[name]
+        by = TAG_MANIFEST if name in tags else MANIFEST
+        if name not in listed and name != TAG_MANIFEST:
+            wrong.append(
+                (name, "extra", f"not in {MANIFEST}" if name.startswith(PAYLOAD) else f"not in {TAG_MANIFEST}")
+            )
+        elif entry is None:
+            wrong.append((name, "differs", "its bytes are damaged in the archive"))
+        elif name != TAG_MANIFEST and entry.sha256 != listed[name]:
+            wrong.append((name, "differs", f"by {by}"))
+    wrong += [
+        (name, "missing", f"listed in {TAG_MANIFEST if name in tags else MANIFEST}")
+        for name in listed
+        if name not in found
+    ]
+    described = 0
+    for source, promised in (("the crate", _crated(bag)), ("the provenance", _proven(bag))):
+        for name, sha256 in promised.items():
+            described += 1
+            entry = found.get(name)
+            if name not in found:
+                wrong.append((name, "missing", f"listed in {source}"))
+            elif entry is not None and entry.sha256 != sha256:
+                wrong.append((name, "differs", f"by {source}"))
+    once = {(name, what): (name, what, why) for name, what, why in reversed(wrong)}
+    names = {name for name, _ in once}
+    return CheckedFiles(len(found.keys() - names), described, sorted(once.values()))
+
+
+def _json(bag: Bag, name: str) -> Mapping[str, Any]:
+    try:
+        value = json_value(bag.read(f"{PAYLOAD}{name}"))
+    except Unreadable as error:
+        raise UnusableArchive(f"{bag.archive.filename}: {name}: {error}") from None
+    if not isinstance(value, dict):
+        raise UnusableArchive(f"{bag.archive.filename}: {name}: expected a JSON object, got {type(value).__name__}")
+    return value
+
+
+def _crated(bag: Bag) -> dict[str, str]:
+    from urllib.parse import unquote
+
+    entities = _json(bag, CRATE).get("@graph")
+    files = [each for each in entities if isinstance(each, dict)] if isinstance(entities, list) else []
+    return {f"{PAYLOAD}{unquote(str(each.get('@id')))}": str(each["sha256"]) for each in files if "sha256" in each}
+
+
+def _proven(bag: Bag) -> dict[str, str]:
+    entities = _json(bag, PROVENANCE).get("entity")
+    named = entities.items() if isinstance(entities, dict) else ()
+    files = ((name, each) for name, each in named if name.startswith(FILE) and isinstance(each, dict))
+    return {f"{FILES}{name.removeprefix(FILE)}": str(each.get(SHA256)) for name, each in files if each.get(PUBLISHED)}
+
+
+@dataclass(frozen=True)
+class Population:
+    """The runs of a campaign directory that an execution can repeat.
+
+    Attributes:
+        runs: Configuration and index of each.
+        programs: Number of runs of programs, which need not write the same bytes twice.
+        unrecorded: Number of runs whose recordings were left out.
+    """
+
+    runs: Sequence[tuple[str, int]] = field(repr=False)
+    programs: int
+    unrecorded: int
+
+
+def population_of(directory: Path) -> Population:
+    """Return the runs that can be executed again; raises `UnusableDirectory` if the tables are damaged."""
+    with reading(directory):
+        rows = table_rows(directory / "configurations.parquet", "name", "scenario")
+        programs = {row["name"] for row in rows if "programs" in json.loads(row["scenario"])}
+        known = [(str(row["configuration"]), int(row["run_index"])) for row in table_rows(directory / "runs.parquet")]
+        by_programs = [each for each in known if each[0] in programs]
+        simulated = sorted({*known} - {*by_programs})
+        recorded = {name for name, _ in simulated if (directory / "recordings" / f"{name}.parquet").is_file()}
+        runs = [each for each in simulated if each[0] in recorded]
+        return Population(runs, len(by_programs), len(simulated) - len(runs))
+
+
+def sample_of(runs: Sequence[tuple[str, int]], number: int | None, seed: int) -> list[tuple[str, int]]:
+    """Return `number` distinct runs drawn by a seed, all of them for None, in order."""
+    if number is None or number >= len(runs):
+        return [*runs]
+    return sorted(random.Random(seed).sample(runs, number))
+
+
+def undetected_share(drawn: int, of: int) -> float:
+    """Return the greatest share of wrong runs that a sample without one leaves possible, at 95 %.
+
+    The sample is drawn without replacement: the count of wrong ones in it is hypergeometric, and the bound is the greatest count W of
+    wrong runs for which C(of - W, drawn) / C(of, drawn), the probability of drawing none, is at least 5 %.
+    """
+    wrong, probability = 0, 1.0
+    while wrong < of - drawn:
+        probability *= (of - wrong - drawn) / (of - wrong)
+        if probability < 1 - LEVEL:
+            break
+        wrong += 1
+    return wrong / of if of else 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class ExecutedRun:
+    """A run that was executed again: `equal`, `different`, or `unusable`, and in words why."""
+
+    configuration: str
+    run_index: int
+    outcome: str
+    words: str
+
+
+def execute_again(
+    directory: Path, runs: Sequence[tuple[str, int]], permitted: bool, most_silent_s: float = MOST_SILENT_S
+) -> Iterator[ExecutedRun]:
+    """Execute runs again in a process of its own, and yield each once it is compared.
+
+    Args:
+        permitted: Whether the user permitted the code of the directory; without it none is executed.
+        most_silent_s: The process is killed where one run takes longer.
+    """
+    module = "vastflow.flows.publication.execution"
+    command = python_command(module, str(directory), "permitted" if permitted else "none")
+    with subprocess.Popen(
+        command, env=own_environment(), cwd=directory, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdin is not None and process.stdout is not None
+        try:
+            for configuration, run_index in runs:
+                with _Limit(process.kill, most_silent_s):
+                    answer = _ask(process, json.dumps([configuration, run_index]))
+                if answer is None:
+                    words = f"its process ended, or took longer than {most_silent_s:.0f} s"
+                    yield ExecutedRun(configuration, run_index, "unusable", words)
+                    return
+                yield ExecutedRun(configuration, run_index, *answer)
+        finally:
+            process.kill()
+
+
+def _ask(process: "subprocess.Popen[str]", line: str) -> tuple[str, str] | None:
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        process.stdin.write(f"{line}\n")
+        process.stdin.flush()
+        outcome, words = json.loads(process.stdout.readline(100_000))
+    except (OSError, ValueError):
+        return None
+    return str(outcome), str(words)
+
+
+class _Limit:
+    """Calls `kill` where the body takes longer."""
+
+    def __init__(self, kill: Callable[[], None], most_s: float) -> None:
+        self._timer = threading.Timer(most_s, kill)
+        self._timer.daemon = True
+
+    def __enter__(self) -> None:
+        self._timer.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._timer.cancel()
+
+
+def shown_text(population: Population, executed: Sequence[ExecutedRun]) -> str:
+    """Return in one paragraph what an execution has shown, and what not."""
+    of = len(population.runs)
+    equal = sum(each.outcome == "equal" for each in executed)
+    different = sum(each.outcome == "different" for each in executed)
+    said = (
+        f"{len(executed)} of {count_text(of, 'run')} executed again: {equal} equal bit for bit, {different} different"
+    )
+    if unusable := len(executed) - equal - different:
+        said += f", {unusable} could not be executed"
+    said += "."
+    if executed and equal == len(executed):
+        share = undetected_share(len(executed), of)
+        said += f" At 95 % confidence, at most {percent_text(share)} of the runs would differ." if share else ""
+    if population.programs:
+        said += (
+            f" Not executed: {count_text(population.programs, 'run')} of programs, which need not repeat their bytes."
+        )
+    if population.unrecorded:
+        said += f" Not compared: {count_text(population.unrecorded, 'run')} without recordings."
+    return f"{said} Traces, verdicts, and figures were compared by digest alone."
