@@ -150,7 +150,7 @@ def _names(value: Any) -> Iterator[str]:
 
 
 def _is_within(name: str, folder: Path, roots: list[Path]) -> bool:
-    """True if a name leads to a place below `roots`, is a text of several lines, or is a topic of ROS."""
+    """True if a name leads below `roots`, is a topic of ROS, or has several lines."""
     if "\n" in name:
         return True  # its words are looked at
     with suppress(OSError, ValueError):

@@ -57,7 +57,7 @@ class FailedRun:
 
     @property
     def rate_text(self) -> str:
-        """How often the configuration fails, with the interval of confidence."""
+        """Share of the configuration's runs that failed, with the interval of confidence."""
         bounds = interval(clopper_pearson_intervals(self.failed, self.judged))
         share = f"{100 * self.failed / self.judged:.0f} %, 95 % interval {100 * bounds.low:.0f} to {100 * bounds.high:.0f} %"
         return f"{self.failed} of {self.judged} runs ({share})"

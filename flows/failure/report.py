@@ -79,7 +79,12 @@ class Report:
 
 @dataclass(frozen=True)
 class Minimization:
-    """A minimized campaign, by place below `MINIMIZED`, and what became of it in words; no files if it is not minimized."""
+    """A minimized campaign.
+
+    Attributes:
+        files: By place below `MINIMIZED`; none if it is not minimized.
+        words: Outcome of the minimization.
+    """
 
     files: Mapping[str, bytes] = field(repr=False)
     words: str
@@ -107,7 +112,7 @@ def minimized(failed: FailedRun, for_s: float, observer: Observer | None = None,
 
 
 def _cut(files: Mapping[str, bytes], found: Minimized, asked: Mapping[str, Any]) -> tuple[dict[str, bytes], str]:
-    """Return the files with the map cut to what the robot saw, unless the campaign fails less often then, and say so."""
+    """Return the files with a map cut to what the robot saw, and the outcome in words."""
     whole = with_small_map(files)
     with _laid_out(whole) as folder:
         campaign, _ = read_campaign(folder / MINIMAL)

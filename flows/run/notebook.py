@@ -14,7 +14,7 @@ from vastflow.flows.results.current_report import source_digest
 from vastflow.flows.run.step_process import end_text, run_process
 from vastflow.producers.campaign_file.visualization import Level, missing_library
 from vastflow.sim.model.digest import digest
-from vastflow.sim.model.files import read_text
+from vastflow.sim.model.files import read_bytes, read_text
 from vastflow.tasks.engine.process import python_command
 from vastflow.tasks.store.store import Lost, Store
 
@@ -110,5 +110,5 @@ def execute_kept(books: Sequence[Book], results: str, store: Store) -> list[str]
     wrong = execute_books(known)
     for key, each, sentence in zip(keys, known, wrong, strict=True):
         if each.is_executed and not sentence:
-            store.put(key, {_CONTENT: Path(f"{each.place}.ipynb").read_bytes()})
+            store.put(key, {_CONTENT: read_bytes(Path(f"{each.place}.ipynb"))})
     return wrong

@@ -96,7 +96,7 @@ def test_headline_is_the_same_sentence_in_each_place(written, client, id_of, tmp
     said["notebook"] = page_text(Results(directory, None, (), ())._repr_html_())
     said["report"] = page_text((directory / "report.html").read_text())
     export(directory, tmp_path / "exported")
-    root = ElementTree.parse(tmp_path / "exported" / "test.xml").getroot()
+    root = ElementTree.parse(tmp_path / "exported" / "junit.xml").getroot()
     said["JUnit"] = root.find("properties/property[@name='headline']").get("value")
     found = compared(read_tables(before), tables)
     print_rows(compared_text(found, {}))
