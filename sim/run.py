@@ -9,15 +9,19 @@ import weakref
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final, get_type_hints
 
 import numpy as np
 
 from vastflow.sim.kernels.streams import run_entropy
-from vastflow.sim.loop.drive import Ending, Watch, Watched, recording_of, recording_without_world
+from vastflow.sim.loop.drive import Ending, Watch, Watched, recording_of, recording_without_world, seed_text
 from vastflow.sim.loop.simulation import Simulation, recorded
 from vastflow.sim.model.archive import table
+from vastflow.sim.model.blocks import read_recordings
+from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.files import read_bytes
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Recording, RunLog
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
@@ -122,6 +126,11 @@ def execute(
     started_s, wall_s, cpu_s = time.time(), time.perf_counter(), time.process_time()
     checked = checked_of(scenario)
     entropy = run_entropy(seed, checked.situation, run_index)
+    if checked.recording is not None:
+        if watch is not None:
+            raise ScenarioError("expected a simulated run, got a recorded one, which can't be executed once more")
+        recording = _recorded_elsewhere(checked.recording, entropy)
+        return Execution(recording, RunLog(started_s, time.perf_counter() - wall_s, time.process_time() - cpu_s, 0))
     simulation = _simulation(checked, checked.robot, entropy) if checked.robot else None
     lines: list[str] = []
     with ExitStack() as stack:
@@ -156,6 +165,18 @@ def execute(
         peak_bytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
         log = RunLog(started_s, ran_s, time.process_time() - cpu_s, peak_bytes, tuple(lines))
     return Execution(recording, log)
+
+
+def _recorded_elsewhere(file: FileContent, entropy: Sequence[int]) -> Recording:
+    """Return the run in a file by `write_recordings`, with the seed of its scenario."""
+    content = read_bytes(Path(file.path))
+    if file_digest(file.path) != file.digest:
+        raise ScenarioError(f"{file.path}: expected the recording that the campaign was read with, got another")
+    if entropy[-1]:
+        raise ScenarioError(f"expected run 0, the only one that {Path(file.path).name} has, got run {entropy[-1]}")
+    (recording,) = read_recordings(content)
+    run = replace(recording.run, run_index=0, seed=seed_text(entropy))
+    return replace(recording, run=run, behaviors=table(get_type_hints(StatusChange), []))
 
 
 def _simulation(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> Simulation:

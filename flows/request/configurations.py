@@ -10,6 +10,7 @@ from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.digest import digest
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.system.keys import RECORDING_KEY
 from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.engine.instantiation import Instantiated, UnknownName, selected
 
@@ -83,11 +84,12 @@ def requirements(found: Instantiation) -> Iterator[str]:
 
 
 def distinct_configurations(instantiation: Instantiation, runs: int) -> list[ConfigurationRuns]:
-    """One for each configuration that is no duplicate, in order, with `runs` runs wanted of it."""
+    """One for each configuration that is no duplicate, in order, with `runs` runs wanted of it; one of a recorded run."""
     configurations = []
     places: Counter[str] = Counter()
     for each in instantiation.configurations:
         places[each.family] += 1
         if each.duplicate_of is None:
-            configurations.append(ConfigurationRuns(each.name, each.family, places[each.family], each.scenario, runs))
+            wanted = 1 if RECORDING_KEY in each.scenario.system else runs
+            configurations.append(ConfigurationRuns(each.name, each.family, places[each.family], each.scenario, wanted))
     return configurations

@@ -24,7 +24,7 @@ from vastflow.sim.model.files import copy_file, files_below, read_bytes
 from vastflow.sim.plug_ins.loading import check_permitted, snapshot_behind
 from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot, plug_ins_in
 from vastflow.sim.scenario.language.reading import files_of
-from vastflow.sim.system.keys import FILE_KEY
+from vastflow.sim.system.keys import FILE_KEY, RECORDING_KEY
 from vastflow.sim.world.readers.registry import files_of_world, reader_of
 from vastflow.sim.world.world import World, world_at
 from vastflow.tasks.engine.evaluation import content_of, files_in, producers_in
@@ -64,7 +64,7 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     producers = [each for producer in chain for each in (producer, *producers_in(producer.parameters))]
     fixed = [dict(family.values) for family in campaign.families]
     plug_in_files = plug_ins_in([*fixed, *(content_of(producer.parameters) for producer in producers)])
-    parameter_files = files_in(*(values.pop(FILE_KEY, None) for values in fixed))
+    parameter_files = files_in(*(values.pop(key, None) for values in fixed for key in (FILE_KEY, RECORDING_KEY)))
     map_files = files_in(*fixed, *(p.parameters for p in producers))
     code = {each.digest for each in plug_in_files if reader_of(Path(each.path)) is None}
     map_files = {key: file for key, file in map_files.items() if key not in code}

@@ -50,7 +50,9 @@ def scan_store(run: PreparedCampaign, computing: Computing, instantiated: Instan
     configurations = distinct_configurations(instantiated.instantiation, run.asked.runs)
     if run.stopping is not None:
         first = run.stopping.wanted({})
-        configurations = [replace(configuration, runs=first) for configuration in configurations]
+        configurations = [
+            replace(configuration, runs=min(configuration.runs, first)) for configuration in configurations
+        ]
     wanted = {configuration.name: configuration.runs for configuration in configurations}
     families = {configuration.name: configuration.family for configuration in configurations}
     computing.tally.expect(wanted if run.search is None else run.search.expected(wanted), families)

@@ -88,10 +88,11 @@ def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
         yield "stood still"
     if _SUCCESS in failed and _path_lost_by_jump(trace):
         yield "jump of the estimate"
-    if failed.keys() != {_SAFETY} and trace["localization_error_m"][end] > LOST_M:
+    if failed.keys() != {_SAFETY} and not trace.run.estimated_by and trace["localization_error_m"][end] > LOST_M:
         yield "lost"
     x_m, y_m = trace.xy_m[end]
-    touched = any(hypot(event.x_m - x_m, event.y_m - y_m) <= AT_M for event in trace.events("contact"))
+    contacts = () if trace.run.estimated_by else trace.events("contact")
+    touched = any(hypot(event.x_m - x_m, event.y_m - y_m) <= AT_M for event in contacts)
     if (_SUCCESS in failed and touched) or (_SAFETY in failed and _fails_contact(failed[_SAFETY])):
         yield "contact"
     if _SUCCESS in failed:

@@ -7,8 +7,8 @@ from typing import Any
 from vastflow.oracles.judgment.cause import Cause, cause_of
 from vastflow.oracles.judgment.oracle import Oracle
 from vastflow.oracles.judgment.verdict import Verdict
-from vastflow.oracles.observation.situation import situation_of
-from vastflow.oracles.observation.trace import trace_of
+from vastflow.oracles.observation.situation import Situation, situation_of
+from vastflow.oracles.observation.trace import Trace, Unobserved, trace_of
 from vastflow.sim.model.archive import read_outputs
 from vastflow.sim.model.blocks import read_block, read_recordings
 from vastflow.sim.model.recording import Outputs
@@ -63,7 +63,7 @@ def judge_block(
         said_by.setdefault(verdict.oracle, []).append(verdict)
     for oracle in oracles:
         with watched(snapshot_behind(type(oracle))):
-            said_by[oracle.name] = oracle.judge_all(traces, situation)
+            said_by[oracle.name] = [*map(_with_origin, traces, _said(oracle, traces, situation))]
     said = list(zip(*said_by.values(), strict=True))
     causes = {
         trace.run.run_index: cause
@@ -71,3 +71,18 @@ def judge_block(
         if (cause := cause_of(trace, verdicts)) is not None
     }
     return JudgedBlock([verdict for verdicts in said for verdict in verdicts], causes)
+
+
+def _said(oracle: Oracle[Any], traces: Sequence[Trace], situation: Situation) -> list[Verdict]:
+    try:
+        return oracle.judge_all(traces, situation)
+    except Unobserved as error:  # by a recorded run, which is the only one of its block
+        return [oracle.not_judged(trace, str(error)) for trace in traces]
+
+
+def _with_origin(trace: Trace, verdict: Verdict) -> Verdict:
+    """Return a verdict that says where the pose is from, if that is the robot's estimate."""
+    if not trace.run.estimated_by:
+        return verdict
+    origin = f"the pose is the robot's estimate: {trace.run.estimated_by}"
+    return replace(verdict, reason="; ".join(filter(None, [verdict.reason, origin])))

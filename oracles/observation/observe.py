@@ -126,6 +126,10 @@ STANDING_RADPS: Final = 0.01
 """A robot slower than both stands."""
 
 
+_OF_ESTIMATES: Final = ("stopped", "deviation_mm")
+"""Derived columns that a robot's estimate of its pose has; it says nothing of what is near."""
+
+
 class ScenarioObserver:
     """Observer of the runs of a scenario; its reference paths keep the inscribed radius, by default 0.22 m.
 
@@ -160,7 +164,8 @@ class ScenarioObserver:
         `wall_clearance_mm`: distance of the robot's center to the nearest occupied cell, 0 inside one. `deviation_mm`: to the
         reference path. `separation_mm/<size class>`: to the nearest obstacle's center; of a mover `separation_mm/<name>`. `static_clearance_mm`,
         `appearing_clearance_mm`, and `moving_clearance_mm`: to the nearest outline of obstacles that stand there from the start, of
-        others, and of movers. All distances are `NOWHERE_MM` without an object.
+        others, and of movers. All distances are `NOWHERE_MM` without an object. Where the pose is the robot's own estimate, there are neither
+        errors nor distances to anything.
 
         Raises:
             ValueError: an event of an obstacle that the scenario does not have.
@@ -186,7 +191,10 @@ class ScenarioObserver:
             corners = reference.points_xy_m
             path = shapely.linestrings(corners) if len(corners) > 1 else shapely.points(corners[0])
             derived["deviation_mm"] = _mm(shapely.distance(path, shapely.points(x_m, y_m)))
-        return reference, {**derived, **distances_to(obstacles, recording.columns["t_ms"], np.column_stack((x_m, y_m)))}
+        derived |= distances_to(obstacles, recording.columns["t_ms"], np.column_stack((x_m, y_m)))
+        if recording.run.estimated_by:
+            derived = {name: derived[name] for name in _OF_ESTIMATES}
+        return reference, derived
 
 
 def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:

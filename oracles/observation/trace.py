@@ -50,6 +50,13 @@ class NoReference:
 MaybeReference: TypeAlias = Reference | NoReference
 
 
+class Unobserved(KeyError):
+    """A signal or event that needs the true pose, where a recording has the robot's estimate alone."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
 @dataclass(frozen=True)
 class Trace:
     """One run as aligned signals in SI units.
@@ -78,6 +85,7 @@ class Trace:
         table, _, name = column.rpartition("/")
         if table in self.tables:
             return self.tables[table][name]
+        self._check_observed(column)
         raise KeyError(column)
 
     def __len__(self) -> int:
@@ -89,8 +97,14 @@ class Trace:
         return np.asarray(self["localization_error_m"][self["localized"] > 0])
 
     def events(self, kind: str) -> tuple[Event, ...]:
-        """Events of one kind, such as `contact`, in order."""
+        """Events of one kind, such as `contact`, in order; raises `Unobserved` for contacts of a robot whose true pose nobody knows."""
+        if kind == "contact":
+            self._check_observed("contacts")
         return tuple(event for event in self.run.events if event.kind == kind)
+
+    def _check_observed(self, what: str) -> None:
+        if self.run.estimated_by:
+            raise Unobserved(f"{what}: expected the true pose, got the robot's estimate alone")
 
     @property
     def xy_m(self) -> NDArray[np.float64]:

@@ -39,7 +39,7 @@ from vastflow.producers.model.producer import (
 from vastflow.producers.places.ground import GROUND, MAP_FILE_KEYS, MapSearch
 from vastflow.producers.places.start_check import pose_complaints, room_m, stops_of
 from vastflow.producers.places.stops import GOALS_KEY
-from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.digest import FileContent, Value, file_digest
 from vastflow.sim.model.faults import Complaint, Fault, FileError, Got, Place, Problem
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
@@ -48,7 +48,7 @@ from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import plug_in_value
 from vastflow.sim.reading.abstract import hall_file
 from vastflow.sim.reading.movers import MOVERS_KEY, movers_value
-from vastflow.sim.system.keys import is_of_footprint
+from vastflow.sim.system.keys import RECORDING_KEY, is_of_footprint
 from vastflow.sim.system.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.system.system import system_of
 from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, difference_of, world_files
@@ -228,6 +228,8 @@ class FamilyReader:
             places[key] = where
             if key == WORLD_KEY:
                 values[key] = self._world(where, value)
+            elif key == RECORDING_KEY:
+                values[key] = self._recording(where, value)
             elif key == MOVERS_KEY:
                 values[key] = movers_value(value, self._base)
             elif key not in MAP_FILE_KEYS:
@@ -251,6 +253,14 @@ class FamilyReader:
                 fault = self._document.fault(location, str(error))
                 self.faults.append(replace(fault, kind="missing") if isinstance(error, MissingWorld) else fault)
         return self._maps.get(value)
+
+    def _recording(self, location: Location, value: Value) -> Value:
+        try:
+            return FileContent(str(self._base / str(value)), file_digest(self._base / str(value)))
+        except (OSError, ValueError) as error:
+            fault = self._document.fault(location, Got(shown(value)), f"a recording of `vastflow import` ({error})")
+            self.faults.append(fault)
+            return value
 
     def _world(self, location: Location, value: Value) -> Value:
         try:
@@ -404,7 +414,7 @@ class FamilyReader:
         """Report keys that nothing reads; without the `whole` chain, only those that are misspelled."""
         places, links = flow.fixed, flow.links
         read = {key for link in links for key in link.producer.reads}
-        read |= {*abstract.parameters, *abstract.goal_keys(flow.written)}
+        read |= {RECORDING_KEY, *abstract.parameters, *abstract.goal_keys(flow.written)}
         varied: dict[str, Location] = {}
         for link in links:
             for key, tag in link.producer.writes.items():

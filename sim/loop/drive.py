@@ -76,7 +76,7 @@ def recording_of(
     return Recording(
         Run(
             run_index=entropy[-1],
-            seed=_seed(entropy),
+            seed=seed_text(entropy),
             outcome=ending.outcome,
             error_code=ending.error_code,
             reason="; ".join(reasons),
@@ -95,11 +95,12 @@ def recording_of(
 def recording_without_world(ended_s: float, entropy: Sequence[int], ending: Ending, behaviors: Columns) -> Recording:
     end = ending.outcome, 0, ending.reason, round(ended_s, 3)
     return Recording(
-        Run(entropy[-1], _seed(entropy), *end, distance_m=0.0, recoveries=0, missed_goals=0), {}, behaviors
+        Run(entropy[-1], seed_text(entropy), *end, distance_m=0.0, recoveries=0, missed_goals=0), {}, behaviors
     )
 
 
-def _seed(entropy: Sequence[int]) -> str:
+def seed_text(entropy: Sequence[int]) -> str:
+    """Return the entropy of a run as its row has it."""
     return ":".join(f"{part:x}" for part in entropy)
 
 

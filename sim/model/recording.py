@@ -96,6 +96,7 @@ class Run:
         distance_m: Length of the true path.
         missed_goals: Skipped goals of a waypoint mission.
         entities: Obstacles that the scenario itself put into the world, in order.
+        estimated_by: Where the pose is from if it is the robot's own estimate, because nothing measured the true one; else empty.
     """
 
     run_index: int
@@ -109,6 +110,7 @@ class Run:
     missed_goals: int
     events: tuple[Event, ...] = ()
     entities: tuple[Entity, ...] = ()
+    estimated_by: str = ""
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,10 @@ class Recording:
 def run_row(run: Run) -> dict[str, Any]:
     """Return `run` as plain JSON values."""
     events, entities = ([asdict(each) for each in part] for part in (run.events, run.entities))
-    return {**asdict(run), "events": events, "entities": entities}
+    row = {**asdict(run), "events": events, "entities": entities}
+    if not run.estimated_by:  # as in rows of earlier versions
+        del row["estimated_by"]
+    return row
 
 
 def run_of(row: Mapping[str, Any]) -> Run:

@@ -22,6 +22,7 @@ from vastflow.sim.reading.abstract import content_digest, definition_digest, def
 from vastflow.sim.reading.movers import MOVERS_KEY, movers_of
 from vastflow.sim.reading.script import NAVIGATIONS, Script, calls_of, script_of
 from vastflow.sim.reading.vocabulary import WORLDLY
+from vastflow.sim.system.keys import RECORDING_KEY
 from vastflow.sim.system.robot import RobotParameters
 from vastflow.sim.system.system import NO_MASKS, Masks
 from vastflow.sim.world.difference import WorldDifference
@@ -71,6 +72,7 @@ class CheckedScenario:
         robot: None where none drives.
         programs: Setup of a run's programs; None where the scenario starts none.
         handed: Files that are values of the script's parameters.
+        recording: Recording of the only run; None where runs are simulated.
     """
 
     timeout_s: float
@@ -81,6 +83,7 @@ class CheckedScenario:
     robot: RobotSetup | None
     programs: ProcessSetup | None
     handed: Mapping[str, FileContent]
+    recording: FileContent | None = None
 
 
 def checked_of(scenario: Scenario) -> CheckedScenario:
@@ -96,6 +99,7 @@ def checked_of(scenario: Scenario) -> CheckedScenario:
     needs_robot = actions & WORLDLY or (MAP_KEY in scenario.environment and script.start is not None)
     values = {**scenario.environment, **scenario.system, **scenario.task}
     given = {parameter.name: values.get(parameter.name) for parameter in script.definition.parameters}
+    recording = scenario.system.get(RECORDING_KEY)
     return CheckedScenario(
         float(scenario.timeout_s),
         scenario.situation_digest,
@@ -105,6 +109,7 @@ def checked_of(scenario: Scenario) -> CheckedScenario:
         _robot(scenario, script) if needs_robot else None,
         scenario.programs,
         {key: value for key, value in given.items() if isinstance(value, FileContent)},
+        recording if isinstance(recording, FileContent) else None,
     )
 
 
@@ -137,6 +142,7 @@ def _checked_digest(scenario: Scenario) -> str:
         [] if robot is None else _digested(robot),
         None if checked.programs is None else checked.programs.content,
         checked.handed,
+        *([] if checked.recording is None else [checked.recording]),
     )
 
 

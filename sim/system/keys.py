@@ -12,6 +12,9 @@ SPEED_KEY: Final = "speed_mask"
 MASK_KEYS: Final = (KEEPOUT_KEY, SPEED_KEY)
 """Keys that name masks, as Nav2's launch files do. A mask is told to the stack, and is nowhere in the world."""
 
+RECORDING_KEY: Final = "recording"
+"""Key that has the recording of a run that was driven elsewhere: it is read, and nothing is simulated."""
+
 COVARIANCE_KEY: Final = "initial_pose_covariance"
 
 Release: TypeAlias = Literal["jazzy", "kilted", "lyrical"]
