@@ -20,6 +20,7 @@ from vastflow.flows.cli.compare import compare
 from vastflow.flows.cli.deploy import deploy
 from vastflow.flows.cli.export import export
 from vastflow.flows.cli.floorplan import floorplan
+from vastflow.flows.cli.import_bag import import_bag
 from vastflow.flows.cli.init import init
 from vastflow.flows.cli.minimize import minimize
 from vastflow.flows.cli.notebook import notebook
@@ -107,6 +108,7 @@ for command in (
     *(export, notebook, publish, verify, params, deploy),
 ):
     app.command()(command)
+app.command("import")(import_bag)
 app.add_typer(store, name="store")
 app.add_typer(floorplan, name="floorplan")
 app.add_typer(scenario, name="scenario")

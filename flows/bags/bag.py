@@ -1,0 +1,99 @@
+"""Bags of ROS as arrays, read in a process with limits."""
+
+import importlib.util
+import pickle
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.model.faults import UserError
+
+
+class BagError(UserError):
+    """A bag that can't be read, or lacks what a run needs."""
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Numbers of messages, in the order of the log.
+
+    Attributes:
+        log_s: (N,) time of the log.
+        stamp_s: (N,) time of the header; NaN without one.
+        values: (N, K), of poses x (m), y (m), and yaw (rad) first, of odometry then v (m/s), w (rad/s); of commands v, w; of a goal's
+            status its code.
+    """
+
+    log_s: NDArray[np.float64]
+    stamp_s: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.log_s)
+
+
+@dataclass(frozen=True)
+class ScanShape:
+    """Frame, angles (rad), and limits (m) of a laser scanner."""
+
+    frame: str
+    angle_min_rad: float
+    angle_increment_rad: float
+    range_min_m: float
+    range_max_m: float
+
+
+@dataclass(frozen=True)
+class Bag:
+    """Content of a bag.
+
+    Attributes:
+        topics: Role to topic, see `vastflow.flows.bags.reading`.
+        roles: Role to its messages; empty ones where there is none.
+        frames: Role to parent and child frame of odometry.
+        edges: Parent and child frame to the transforms between them.
+        fixed: The same of static transforms.
+        behaviors: Log time (s) and name of each behavior that a tree began.
+        ranges_m: (N, B) ranges of the scans of `roles["scan"]`; none unless they were asked for.
+        notes: What was left out, one line each.
+    """
+
+    name: str
+    topics: Mapping[str, str]
+    roles: Mapping[str, Messages] = field(repr=False)
+    frames: Mapping[str, tuple[str, str]]
+    edges: Mapping[tuple[str, str], Messages] = field(repr=False)
+    fixed: Mapping[tuple[str, str], tuple[float, float, float]]
+    behaviors: Sequence[tuple[float, str]]
+    scan: ScanShape | None
+    ranges_m: NDArray[np.float32] = field(repr=False)
+    notes: tuple[str, ...]
+
+
+def read_bag(path: Path, namespace: str = "", *, scans: bool = False) -> Bag:
+    """Read a rosbag2 (folder, `.mcap`, or `.db3`) or a ROS 1 bag in a process with limits.
+
+    Args:
+        namespace: The robot's, such as `robot1`; empty for the only robot.
+        scans: Whether ranges are read.
+
+    Raises:
+        BagError: it can't be read, has several robots, or is beyond the limits.
+        UserError: rosbags is missing.
+    """
+    if importlib.util.find_spec("rosbags") is None:
+        raise UserError("rosbags is missing. Call pip install 'vastflow[ros]'.")
+    if not path.exists():
+        raise BagError(f"{path}: expected a bag, got no such file or folder")
+    command = [sys.executable, "-m", "vastflow.flows.bags.reading", str(path), namespace, "1" * scans]
+    child = subprocess.run(command, capture_output=True, check=False)
+    if child.returncode == 0:
+        bag: Bag = pickle.loads(child.stdout)  # of our own process, made of numbers and names
+        return bag
+    said = child.stderr.decode(errors="replace").strip().splitlines()[-1:] if child.returncode == 2 else []
+    raise BagError(f"{path}: {''.join(said) or f'expected a bag, got one whose reading ended with {child.returncode}'}")

@@ -1,0 +1,251 @@
+"""Reading of a bag in a process of its own, which a stranger's bytes may end."""
+
+import math
+import pickle
+import re
+import resource
+import sys
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.flows.bags.bag import Bag, Messages, ScanShape
+
+MOST_BYTES: Final = 16 << 30
+MOST_MEMORY_BYTES: Final = 6 << 30
+MOST_CPU_S: Final = 900
+MOST_MESSAGES: Final = 3_000_000
+MOST_BEAMS: Final = 4096
+MOST_SCANS: Final = 40_000
+MOST_METERS: Final = 1e5
+"""Coordinates beyond are no place on a map."""
+
+ROLES: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
+    "tf": ("TFMessage", ("tf",)),
+    "tf_static": ("TFMessage", ("tf_static",)),
+    "scan": ("LaserScan", ("scan", "")),
+    "odometry": ("Odometry", ("odom", "odometry", "odometry/filtered", "")),
+    "truth": ("Odometry", ("ground_truth", "ground_truth/odom", "odom_ground_truth", "groundtruth", "odom_gt")),
+    "command": ("Twist|TwistStamped", ("cmd_vel",)),
+    "control": ("Twist|TwistStamped", ("cmd_vel_nav",)),
+    "estimate": ("PoseWithCovarianceStamped", ("amcl_pose",)),
+    "initial": ("PoseWithCovarianceStamped", ("initialpose",)),
+    "goal": ("PoseStamped", ("goal_pose", "goal", "move_base_simple/goal")),
+    "plan": ("Path", ("plan",)),
+    "status": ("GoalStatusArray", ("navigate_to_pose/_action/status", "navigate_through_poses/_action/status")),
+    "tree": ("BehaviorTreeLog", ("behavior_tree_log",)),
+}
+"""What a topic is for, to its type and the ends of its name, best first; an empty end is any name, of a single topic."""
+_TRUE: Final = re.compile("ground_?truth|_gt$")
+_BEHAVIOR_TREE: Final = {
+    "nav2_msgs/msg/BehaviorTreeStatusChange": "builtin_interfaces/Time timestamp\nstring node_name\nuint16 uid\n"
+    "string previous_status\nstring current_status\n",
+    "nav2_msgs/msg/BehaviorTreeLog": "builtin_interfaces/Time timestamp\nnav2_msgs/BehaviorTreeStatusChange[] event_log\n",
+}
+
+
+def read(path: Path, namespace: str, scans: bool) -> Bag:
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
+    if (size := sum(file.stat().st_size for file in files)) > MOST_BYTES:
+        raise ValueError(f"expected at most {MOST_BYTES >> 30} GiB, got {size / 2**30:.1f} GiB")
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in _BEHAVIOR_TREE.items():
+        store.register(get_types_from_msg(text, name))
+    into = _Gathered(scans)
+    with AnyReader([path], default_typestore=store) as reader:
+        connections = {connection.topic: connection.msgtype for connection in reader.connections}
+        topics = topics_of(connections, namespace)
+        role_of = {topic: role for role, topic in topics.items()}
+        wanted = [each for each in reader.connections if each.topic in role_of]
+        for number, (connection, log_ns, raw) in enumerate(reader.messages(wanted) if wanted else ()):
+            if number >= MOST_MESSAGES:
+                raise ValueError(f"expected at most {MOST_MESSAGES:,} messages of the robot's topics, got more")
+            try:
+                message = reader.deserialize(raw, connection.msgtype)
+                into.take(role_of[connection.topic], message, log_ns * 1e-9)
+            except MemoryError:
+                raise
+            except Exception:  # noqa: BLE001 - a stranger's bytes; the others may be whole
+                into.dropped[f"{connection.topic}: messages that can't be read"] += 1
+    return into.bag(path.stem, topics, namespace)
+
+
+def topics_of(connections: Mapping[str, str], namespace: str = "") -> dict[str, str]:
+    """Return the topic of each role by type and name.
+
+    Args:
+        connections: Topic to type.
+
+    Raises:
+        ValueError: topics of several robots, or none of this namespace.
+    """
+    prefix = f"/{namespace.strip('/')}/" if namespace.strip("/") else ""
+    if prefix and not any(topic.startswith(prefix) for topic in connections):
+        raise ValueError(f"--namespace: expected the beginning of a topic, got {namespace!r}")
+    found: dict[str, str] = {}
+    for role, (kind, ends) in ROLES.items():
+        of_kind = [t for t, name in connections.items() if name.rpartition("/")[2] in kind.split("|")]
+        of_kind = [t for t in of_kind if not prefix or t.startswith(prefix) or "tf" in role]
+        of_kind = [t for t in of_kind if t not in found.values() and (role == "truth" or not _TRUE.search(t))]
+        for end in ends:
+            named = [t for t in of_kind if not end or t == f"/{end}" or t.endswith(f"/{end}")]
+            own = [t for t in named if prefix and t.startswith(prefix)] or named
+            if len(own) > 1 and end and "tf" not in role:
+                robots = ", ".join(sorted(t.removesuffix(end).strip("/") or "/" for t in own))
+                raise ValueError(f"expected --namespace, one of {robots}, for {end} of several robots")
+            if len(own) == 1 or (own and "tf" in role):
+                found[role] = own[0]
+                break
+    return found
+
+
+class _Gathered:
+    """Rows of messages by their roles."""
+
+    def __init__(self, scans: bool) -> None:
+        self.dropped: Counter[str] = Counter()
+        self._with_ranges = scans
+        self._rows: dict[str, list[tuple[float, ...]]] = {role: [] for role in ROLES}
+        self._edges: dict[tuple[str, str], list[tuple[float, ...]]] = {}
+        self._fixed: dict[tuple[str, str], tuple[float, float, float]] = {}
+        self._frames: dict[str, tuple[str, str]] = {}
+        self._behaviors: list[tuple[float, str]] = []
+        self._scan: ScanShape | None = None
+        self._ranges: list[NDArray[np.float32]] = []
+
+    def take(self, role: str, message: Any, log_s: float) -> None:
+        stamp_s = math.nan if not hasattr(message, "header") else _seconds(message.header.stamp)
+        if role in ("tf", "tf_static"):
+            for each in message.transforms:
+                edge = each.header.frame_id.strip("/"), each.child_frame_id.strip("/")
+                pose = _planar(each.transform.translation, each.transform.rotation)
+                if not _is_place(pose):
+                    self.dropped["transforms that are not finite or beyond 100 km"] += 1
+                elif role == "tf_static":
+                    self._fixed[edge] = pose
+                else:
+                    self._edges.setdefault(edge, []).append((log_s, _seconds(each.header.stamp), *pose))
+            return
+        readers: Mapping[str, Callable[[Any], list[tuple[float, ...]]]] = {
+            "scan": self._of_scan,
+            "odometry": self._of_odometry,
+            "truth": self._of_odometry,
+            "command": lambda m: [_twist(getattr(m, "twist", m))],
+            "control": lambda m: [_twist(getattr(m, "twist", m))],
+            "estimate": lambda m: [_pose(m.pose.pose)],
+            "initial": lambda m: [_pose(m.pose.pose)],
+            "goal": lambda m: [_pose(m.pose)],
+            "plan": lambda m: [_pose(m.poses[-1].pose)] if len(m.poses) else [],
+            "status": lambda m: [(float(m.status_list[-1].status),)] if len(m.status_list) else [],
+            "tree": lambda m: self._of_tree(m, log_s),
+        }
+        for row in readers[role](message):
+            if _is_place(row):
+                self._rows[role].append((log_s, stamp_s, *row))
+            else:
+                self.dropped[f"messages of {role} that are not finite or beyond 100 km"] += 1
+
+    def _of_odometry(self, message: Any) -> list[tuple[float, ...]]:
+        self._frames["odometry"] = message.header.frame_id.strip("/"), message.child_frame_id.strip("/")
+        return [(*_pose(message.pose.pose), *_twist(message.twist.twist))]
+
+    def _of_tree(self, message: Any, log_s: float) -> list[tuple[float, ...]]:
+        began = (each for each in message.event_log if each.current_status == "RUNNING")
+        self._behaviors += [(log_s, str(each.node_name)) for each in began]
+        return []
+
+    def _of_scan(self, message: Any) -> list[tuple[float, ...]]:
+        if not self._with_ranges:
+            return [()]
+        limits = message.angle_min, message.angle_increment, message.range_min, message.range_max
+        shape = ScanShape(message.header.frame_id.strip("/"), *map(float, limits))
+        beams = len(message.ranges)
+        if not 2 <= beams <= MOST_BEAMS or not all(map(math.isfinite, limits[:3])) or not limits[1]:
+            raise ValueError(f"a scan of {beams} beams")
+        if self._scan is None:
+            self._scan = shape
+        if shape.frame != self._scan.frame or (self._ranges and beams != len(self._ranges[0])):
+            self.dropped["scans of another shape"] += 1
+            return []
+        if len(self._ranges) >= MOST_SCANS:
+            self.dropped[f"scans beyond {MOST_SCANS:,}"] += 1
+            return []
+        self._ranges.append(np.array(message.ranges, dtype=np.float32))
+        return [()]
+
+    def bag(self, name: str, topics: Mapping[str, str], namespace: str) -> Bag:
+        own = f"{namespace.strip('/')}/"
+
+        def is_own(edge: tuple[str, str]) -> bool:
+            return not namespace or any(frame.startswith(own) for frame in edge) or not any("/" in f for f in edge)
+
+        return Bag(
+            name,
+            topics,
+            {role: _messages(rows) for role, rows in self._rows.items()},
+            self._frames,
+            {edge: _messages(rows) for edge, rows in self._edges.items() if is_own(edge)},
+            {edge: pose for edge, pose in self._fixed.items() if is_own(edge)},
+            tuple(self._behaviors),
+            self._scan,
+            np.array(self._ranges, dtype=np.float32),
+            tuple(f"{count:,} left out: {what}" for what, count in self.dropped.items()),
+        )
+
+
+def _messages(rows: Sequence[tuple[float, ...]]) -> Messages:
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), -1) if rows else np.empty((0, 7))
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    return Messages(table[:, 0], table[:, 1], table[:, 2:])
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
+
+
+def _planar(position: Any, turn: Any) -> tuple[float, float, float]:
+    yaw_rad = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z))
+    return float(position.x), float(position.y), yaw_rad
+
+
+def _pose(pose: Any) -> tuple[float, float, float]:
+    return _planar(pose.position, pose.orientation)
+
+
+def _twist(twist: Any) -> tuple[float, float]:
+    return float(twist.linear.x), float(twist.angular.z)
+
+
+def _is_place(values: Sequence[float]) -> bool:
+    return all(abs(value) <= MOST_METERS for value in values)
+
+
+def _main(path: str, namespace: str, scans: str) -> int:
+    """Write the pickled bag to the standard output, or why it can't be read to the standard error."""
+    for limit, most in (
+        (resource.RLIMIT_AS, MOST_MEMORY_BYTES),
+        (resource.RLIMIT_CPU, MOST_CPU_S),
+        (resource.RLIMIT_FSIZE, MOST_BYTES),  # of a file that is unpacked
+    ):
+        resource.setrlimit(limit, (most, most))
+    try:
+        content = pickle.dumps(read(Path(path), namespace, bool(scans)))
+    except MemoryError:
+        print(f"expected a bag that takes at most {MOST_MEMORY_BYTES >> 30} GiB to read, got more", file=sys.stderr)
+        return 2
+    except Exception as error:  # noqa: BLE001 - whatever a stranger's bytes make a reader raise
+        print(f"can't be read: {' '.join(str(error).split())[:300] or type(error).__name__}", file=sys.stderr)
+        return 2
+    sys.stdout.buffer.write(content)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(*sys.argv[1:]))

@@ -1,0 +1,130 @@
+"""The command `import`: bags of real or Gazebo robots as recorded runs of a campaign, beside simulated ones."""
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vastflow.flows.cli.run import asked_request, computing
+from vastflow.flows.terminal.ending import FAULT, check_writable
+from vastflow.flows.terminal.options import AsJson
+from vastflow.sim.model.faults import UserError
+
+if TYPE_CHECKING:
+    from vastflow.flows.bags.imported import ImportedBag, Place
+    from vastflow.sim.model.pose import Pose
+
+
+def import_bag(
+    bags: Annotated[list[Path], typer.Argument(metavar="BAG...", help="Bags: folders, .mcap, .db3, or .bag files.")],
+    map_file: Annotated[Path, typer.Option("--map", metavar="YAML", help="The map that the robot had.")],
+    params: Annotated[
+        Path | None, typer.Option(metavar="YAML", help="Nav2 parameters of the simulated robot (default: Nav2's own).")
+    ] = None,
+    runs: Annotated[int, typer.Option(min=0, help="Simulated runs beside each recorded one.")] = 20,
+    results: Annotated[Path, typer.Option(help="Folder for campaign directories.")] = Path("results"),
+    store: Annotated[str | None, typer.Option(help="Store, as for `vastflow run`.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes (default: one per core).")] = None,
+    namespace: Annotated[str, typer.Option(help="The robot's namespace, such as robot1.")] = "",
+    start: Annotated[
+        str | None, typer.Option(metavar="X,Y,YAW", help="Pose at the bag's begin, where it has no map frame.")
+    ] = None,
+    goal: Annotated[str | None, typer.Option(metavar="X,Y,YAW", help="Goal, where the bag does not name it.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Import bags as recorded runs, judge them, and set them beside simulated runs.
+
+    The campaign directory opens with show, compare, ui, and its report. Without a true pose in the bag the robot's estimate stands
+    for it, every verdict says so, and clearance and contacts are not judged.
+    """
+    poses = pose_of(start, "--start"), pose_of(goal, "--goal")
+    for file, option in ((map_file, "--map"), (params, "--params")):
+        if file is not None and not file.is_file():
+            raise UserError(f"{option}: expected a file, got {file}")
+    check_writable(results, "--results")
+    with TemporaryDirectory(prefix="vastflow-import-") as folder:
+        from vastflow.flows.bags.imported import places_of, scenario_robot, write_import
+
+        try:
+            file, imported = write_import(
+                *(Path(folder), bags, map_file, params), runs=runs, namespace=namespace, start=poses[0], goal=poses[1]
+            )
+        except ValueError as error:  # of the map
+            raise UserError(str(error)) from None
+        request = asked_request(file, {"results": results, "store": store, "workers": workers})
+        with computing() as display:
+            from vastflow.flows import run_campaign
+
+            found = run_campaign(request, observer=display)
+    for note in found.notes:
+        print(note, file=sys.stderr)
+    places = {each.real: places_of(found.directory, each.real, each.simulated) for each in imported}
+    if as_json:
+        rows = {name: [asdict(place) for place in each] for name, each in places.items()}
+        print(json.dumps({"results": str(found.directory), "places": rows}))
+    else:
+        for each in imported:
+            robot = scenario_robot(found.directory, each.real)
+            print("\n".join([*_told(each), *robot, *table_of(places[each.real])]))
+        print(f"report: {found.directory / 'report.html'}")
+    if found.faults:
+        raise typer.Exit(FAULT)
+
+
+def pose_of(text: str | None, option: str) -> "Pose | None":
+    """Read `X,Y,YAW` (m, m, rad)."""
+    from vastflow.sim.model.pose import Pose
+
+    if text is None:
+        return None
+    try:
+        x_m, y_m, yaw_rad = map(float, text.split(","))
+    except ValueError:
+        raise UserError(f"{option}: expected X,Y,YAW in m and rad, got {text!r}") from None
+    return Pose(x_m, y_m, yaw_rad)
+
+
+def _told(imported: "ImportedBag") -> list[str]:
+    drive = imported.drive
+    known = (
+        "the true pose"
+        if drive.truth is not None
+        else f"the robot's estimate ({drive.origin}); no clearance, no contacts"
+    )
+    x_m, y_m, _ = drive.poses[0].tolist()
+    goal, took_s = drive.goal, drive.t_s[-1] - drive.t_s[0]
+    route = f"({x_m:.2f}, {y_m:.2f}) to ({goal.x_m:.2f}, {goal.y_m:.2f}), {drive.goal_from}"
+    return [
+        f"{imported.real}: {drive.outcome.replace('_', ' ')} after {took_s:.1f} s, {route}",
+        f"pose: {known}",
+        *(f"note: {note}" for note in imported.notes),
+    ]
+
+
+def table_of(places: "list[Place]") -> list[str]:
+    """Return a table of signals, and the power of its p-values."""
+    from vastflow.flows.bags.imported import coverage_of
+
+    n = max((place.n for place in places), default=0)
+    if not n:
+        return ["no simulated runs"]
+    lines = [f"{'signal':42} {'real':>9} {'simulated: least, median, most':>32}  n  p"]
+    for each in places:
+        if each.least is None:
+            lines.append(f"{each.signal:42} {each.real:9.3f} {'no simulated value':>32}")
+            continue
+        spread = f"{each.least:.3f}, {each.median:.3f}, {each.most:.3f}"
+        real = "not known" if each.real is None else f"{each.real:.3f}"
+        said = "" if each.inside is None else f" {each.p:.2f} {'inside' if each.inside else 'OUTSIDE'}"
+        lines.append(f"{each.signal:42} {real:>9} {spread:>32} {each.n:2}{said}")
+    outside = sum(each.inside is False for each in places)
+    compared = sum(each.inside is not None for each in places)
+    lines.append(
+        f"{compared - outside} of {compared} signals lie inside the simulated range, which holds one more simulated run with "
+        f"{coverage_of(n):.0%}; with {n} runs no p-value is below {min(1.0, 2 / (n + 1)):.2g}"
+    )
+    return lines
