@@ -16,6 +16,7 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
+from vastflow.flows.cli.calibrate import calibrate
 from vastflow.flows.cli.compare import compare
 from vastflow.flows.cli.deploy import deploy
 from vastflow.flows.cli.export import export
@@ -109,6 +110,7 @@ for command in (
 ):
     app.command()(command)
 app.command("import")(import_bag)
+app.command()(calibrate)
 app.add_typer(store, name="store")
 app.add_typer(floorplan, name="floorplan")
 app.add_typer(scenario, name="scenario")

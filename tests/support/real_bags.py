@@ -77,11 +77,11 @@ def driven(seed=0, *, lengths_m=(5.0, 3.6) * 2, dead_s=0.0, lag_s=0.0, slip=0.0,
         turn = np.tile([0.0, turn_rate], (round(np.pi / 2 / turn_rate / step_s), 1))
         legs += [go, rest, turn, rest]
     command = np.concatenate(legs)
-    command[:, 0] = np.round(command[:, 0], 3)
+    command = command[np.arange(len(command)) // 5 * 5]  # as the messages tell it, 20 times a second
     delayed = np.roll(command, round(dead_s / step_s), axis=0)
     motion, gain = np.zeros_like(command), 1.0 if lag_s == 0 else 1 - np.exp(-step_s / lag_s)
     for k in range(1, len(command)):
-        motion[k] = motion[k - 1] + gain * (delayed[k] - motion[k - 1])
+        motion[k] = motion[k - 1] + gain * (delayed[k - 1] - motion[k - 1])
     gone = motion * step_s
     scale = slip * np.sqrt(np.abs(gone) / 2)  # a Laplace variable of scale b has the variance 2 b²
     counted = gone + rng.laplace(0.0, 1.0, gone.shape) * scale
