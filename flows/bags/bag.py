@@ -60,6 +60,7 @@ class Bag:
         fixed: The same of static transforms.
         behaviors: Log time (s) and name of each behavior that a tree began.
         ranges_m: (N, B) ranges of the scans of `roles["scan"]`; none unless they were asked for.
+        exported: Whether it is a whole simulated run that vastflow exported.
         notes: What was left out, one line each.
     """
 
@@ -72,6 +73,7 @@ class Bag:
     behaviors: Sequence[tuple[float, str]]
     scan: ScanShape | None
     ranges_m: NDArray[np.float32] = field(repr=False)
+    exported: bool
     notes: tuple[str, ...]
 
 

@@ -223,7 +223,7 @@ def drive_of(bag: Bag, clock: Clock, start: Pose | None = None, goal: Pose | Non
         near = np.flatnonzero(away_m <= REACHED_M)
         outcome = "succeeded" if near.size else "failed"
         notes.append("no action tells the outcome; it follows from the distance to the goal")
-        if near.size:
+        if near.size and not bag.exported:
             speeds = np.append(np.hypot(*np.diff(estimated(t_s)[:, :2], axis=0).T) / row_s, 0.0)
             still = np.flatnonzero(speeds[near[0] :] <= MOVING_MPS)
             t_s = t_s[: near[0] + int(still[0]) + 1]
@@ -242,6 +242,8 @@ def drive_of(bag: Bag, clock: Clock, start: Pose | None = None, goal: Pose | Non
 def _sent(bag: Bag, clock: Clock, begin_s: float, end_s: float) -> tuple[float, float, Outcome | None]:
     """Return when the robot was sent, when its mission ended, and how; None where no action tells it."""
     status = bag.roles["status"]
+    if bag.exported:
+        return begin_s, end_s, None
     at_s, codes = clock.arrivals(status), status.values[:, 0] if len(status) else np.empty(0)
     if len(sent := np.flatnonzero(np.isin(codes, (1, _EXECUTING)))):
         ends = np.flatnonzero((codes >= _SUCCEEDED) & (np.arange(len(codes)) > sent[0]))

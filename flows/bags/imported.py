@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,15 +12,16 @@ import yaml
 
 from vastflow.flows.bags.bag import BagError, read_bag
 from vastflow.flows.bags.drive import Drive, clock_of, drive_of
-from vastflow.flows.bags.recorded import recording_of
+from vastflow.flows.bags.recorded import recording_of, wall_contacts
 from vastflow.oracles.results.executed import KeptFiles, configuration_row, recordings_of, scenario_of_row
 from vastflow.oracles.results.schema import read_columns
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.files import copy_file
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Recording, si
+from vastflow.sim.system.system import system_kind, system_of
 from vastflow.sim.world.readers.registry import files_of_world
-from vastflow.sim.world.world import world_content
+from vastflow.sim.world.world import map_content, read_grid
 
 ORACLES: Final = ("performance", {"safety": {"fail_on_contact": "any"}}, "robustness", "navigation")
 LEAST_TIMEOUT_S: Final = 120.0
@@ -59,7 +60,9 @@ def write_import(
         BagError: a bag that can't be read, or lacks what a run needs.
         WorldError: the map can't be read.
     """
-    world_content(map_file)
+    ground = read_grid(map_content(map_file))
+    values = {} if params is None else system_kind().read_file(params, {}).values
+    radius_m = system_of(values).inscribed_radius_m
     for file in files_of_world(map_file):
         copy_file(file, folder / "map" / file.name)
     if params is not None:
@@ -71,6 +74,10 @@ def write_import(
         clock, clock_notes = clock_of(bag)
         drive = drive_of(bag, clock, start, goal)
         recording = recording_of(bag, clock, drive)
+        if drive.truth is not None and "contact" not in bag.topics:
+            hits = wall_contacts(drive, ground, radius_m)
+            run = replace(recording.run, events=(*hits, *recording.run.events))
+            recording = replace(recording, run=run)
         stem = f"bag{number}-" if len(bags) > 1 else ""
         file = folder / "recordings" / f"{stem}{_plain(path.stem)}.parquet"
         file.parent.mkdir(exist_ok=True)
@@ -202,7 +209,5 @@ def _speeds(recording: Recording) -> dict[str, float]:
 
 def scenario_robot(directory: Path, configuration: str) -> Sequence[str]:
     """Return whose robot was simulated, one line each."""
-    from vastflow.sim.system.system import system_of
-
     scenario = scenario_of_row(configuration_row(directory, configuration), KeptFiles(directory))
     return [system_of(scenario.system, is_drawn=True).whose]

@@ -37,6 +37,7 @@ ROLES: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
     "goal": ("PoseStamped", ("goal_pose", "goal", "move_base_simple/goal")),
     "plan": ("Path", ("plan",)),
     "status": ("GoalStatusArray", ("navigate_to_pose/_action/status", "navigate_through_poses/_action/status")),
+    "contact": ("MarkerArray", ("ground_truth/contacts",)),
     "tree": ("BehaviorTreeLog", ("behavior_tree_log",)),
 }
 """What a topic is for, to its type and the ends of its name, best first; an empty end is any name, of a single topic."""
@@ -60,6 +61,8 @@ def read(path: Path, namespace: str, scans: bool) -> Bag:
         store.register(get_types_from_msg(text, name))
     into = _Gathered(scans)
     with AnyReader([path], default_typestore=store) as reader:
+        about = getattr(getattr(reader.readers[0], "metadata", None), "custom", None)
+        into.exported = isinstance(about, dict) and "vastflow" in about
         connections = {connection.topic: connection.msgtype for connection in reader.connections}
         topics = topics_of(connections, namespace)
         role_of = {topic: role for role, topic in topics.items()}
@@ -111,6 +114,7 @@ class _Gathered:
 
     def __init__(self, scans: bool) -> None:
         self.dropped: Counter[str] = Counter()
+        self.exported = False
         self._with_ranges = scans
         self._rows: dict[str, list[tuple[float, ...]]] = {role: [] for role in ROLES}
         self._edges: dict[tuple[str, str], list[tuple[float, ...]]] = {}
@@ -142,6 +146,7 @@ class _Gathered:
             "estimate": lambda m: [_pose(m.pose.pose)],
             "initial": lambda m: [_pose(m.pose.pose)],
             "goal": lambda m: [_pose(m.pose)],
+            "contact": lambda m: [_pose(each.pose) for each in m.markers if each.action == 0],
             "plan": lambda m: [_pose(m.poses[-1].pose)] if len(m.poses) else [],
             "status": lambda m: [(float(m.status_list[-1].status),)] if len(m.status_list) else [],
             "tree": lambda m: self._of_tree(m, log_s),
@@ -196,6 +201,7 @@ class _Gathered:
             tuple(self._behaviors),
             self._scan,
             np.array(self._ranges, dtype=np.float32),
+            self.exported,
             tuple(f"{count:,} left out: {what}" for what, count in self.dropped.items()),
         )
 

@@ -5,10 +5,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from vastflow.flows.bags.bag import Bag, Messages
 from vastflow.flows.bags.drive import Clock, Drive, between
 from vastflow.sim.model.recording import Event, Recording, Run
+from vastflow.sim.world.occupancy import OccupancyMap
 
 RECOVERIES: Final[Mapping[str, str]] = {
     "Spin": "spin",
@@ -43,8 +45,11 @@ def recording_of(bag: Bag, clock: Clock, drive: Drive) -> Recording:
     columns["localized"] = _updates(bag, clock, t_s)
     steps_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     x_m, y_m = poses[-1, :2].tolist()
+    hits = _contacts(bag, clock, drive)
     goal = "goal_reached" if drive.outcome == "succeeded" else "goal_missed"
-    events = [*_recoveries(bag, clock, drive), Event(round(float(elapsed_s[-1]), 3), goal, x_m, y_m, "0")]
+    recoveries = _recoveries(bag, clock, drive)
+    events = sorted([*recoveries, *hits], key=lambda event: event.t_s)
+    events.append(Event(round(float(elapsed_s[-1]), 3), goal, x_m, y_m, "0"))
     run = Run(
         run_index=0,
         seed="0",
@@ -53,7 +58,7 @@ def recording_of(bag: Bag, clock: Clock, drive: Drive) -> Recording:
         reason=drive.reason,
         simulated_s=round(float(elapsed_s[-1]), 3),
         distance_m=round(float(steps_m.sum()), 3),
-        recoveries=len(events) - 1,
+        recoveries=len(recoveries),
         missed_goals=0,
         events=tuple(events),
         estimated_by="" if drive.truth is not None else drive.origin,
@@ -73,8 +78,8 @@ def _pose_columns(prefix: str, poses: NDArray[np.float64]) -> dict[str, Column]:
 
 
 def _motion(bag: Bag, clock: Clock, drive: Drive) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return speed and yaw rate (N,): those of odometry, else of the poses."""
-    if len(told := bag.roles["odometry"]):
+    """Return speed and yaw rate (N,): those of the truth, else of odometry, else of the poses."""
+    if len(told := bag.roles["truth"] if len(bag.roles["truth"]) else bag.roles["odometry"]):
         at_s, first = np.unique(clock.times(told), return_index=True)
         return tuple(np.interp(drive.t_s, at_s, told.values[first, k]) for k in (3, 4))
     x_m, y_m, yaw_rad = drive.poses.T
@@ -109,3 +114,30 @@ def _recoveries(bag: Bag, clock: Clock, drive: Drive) -> list[Event]:
             (x_m, y_m, _), *_ = between(drive.t_s, drive.poses, np.array([t_s])).tolist()
             found.append(Event(round(t_s - float(drive.t_s[0]), 3), "recovery", round(x_m, 3), round(y_m, 3), what))
     return found
+
+
+def _contacts(bag: Bag, clock: Clock, drive: Drive) -> list[Event]:
+    """Contacts that the bag tells, as an export of ours does; it does not tell with what."""
+    told, begin_s = bag.roles["contact"], float(drive.t_s[0])
+    times = clock.arrivals(told) if drive.truth is not None and len(told) else np.empty(0)
+    return [
+        Event(round(t_s - begin_s, 3), "contact", round(x_m, 3), round(y_m, 3), "something")
+        for t_s, (x_m, y_m, *_) in zip(times.tolist(), told.values.tolist(), strict=False)
+        if begin_s <= t_s <= drive.t_s[-1]
+    ]
+
+
+def wall_contacts(drive: Drive, ground: OccupancyMap, radius_m: float) -> list[Event]:
+    """Contacts of a disc with the map's walls by the true pose, one at the begin of each."""
+    far_m = ndimage.distance_transform_edt(~ground.occupied) * ground.resolution_m
+    rows, columns = np.floor(ground.in_cells(drive.poses[:, :2])).astype(int).T
+    inside = (rows >= 0) & (columns >= 0) & (rows < ground.shape[0]) & (columns < ground.shape[1])
+    touches = np.zeros(len(rows), dtype=np.bool_)
+    # A cell's size less: neither the robot nor the wall is known better.
+    touches[inside] = far_m[rows[inside], columns[inside]] < radius_m - ground.resolution_m
+    begins = np.flatnonzero(touches & ~np.append(False, touches[:-1]))
+    times = (drive.t_s - drive.t_s[0])[begins]
+    places = drive.poses[begins, :2]
+    return [
+        Event(round(t, 3), "contact", x, y, "wall") for t, (x, y) in zip(times.tolist(), places.tolist(), strict=True)
+    ]
