@@ -111,7 +111,7 @@ def mean_interval(values: Sequence[float]) -> tuple[float, float, float]:
 
 
 def deviation_interval(squares: Sequence[float]) -> tuple[float, float, float]:
-    """Square root of the mean of squares with its chi-squared interval, of fewer degrees of freedom where their tails are heavy.
+    """Root of the mean of squares with its chi-squared interval, which heavy tails widen.
 
     Of n pieces with kurtosis k the variance of the mean square is (k - 1) / n of its square, as with 2 n / (k - 1) degrees of freedom.
     """

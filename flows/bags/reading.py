@@ -61,7 +61,8 @@ def read(path: Path, namespace: str, scans: bool) -> Bag:
         store.register(get_types_from_msg(text, name))
     into = _Gathered(scans)
     with AnyReader([path], default_typestore=store) as reader:
-        about = getattr(getattr(reader.readers[0], "metadata", None), "custom", None)
+        storage: Any = getattr(reader.readers[0], "storage", None)  # a ROS 1 bag has none
+        about = getattr(getattr(storage, "metadata", None), "custom", None)
         into.exported = isinstance(about, dict) and "vastflow" in about
         connections = {connection.topic: connection.msgtype for connection in reader.connections}
         topics = topics_of(connections, namespace)
