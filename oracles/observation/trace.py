@@ -97,7 +97,7 @@ class Trace:
         return np.asarray(self["localization_error_m"][self["localized"] > 0])
 
     def events(self, kind: str) -> tuple[Event, ...]:
-        """Events of one kind, such as `contact`, in order; raises `Unobserved` for contacts of a robot whose true pose nobody knows."""
+        """Events of one kind, in order; raises `Unobserved` for contacts without a true pose."""
         if kind == "contact":
             self._check_observed("contacts")
         return tuple(event for event in self.run.events if event.kind == kind)
