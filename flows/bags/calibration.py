@@ -163,7 +163,7 @@ def _due(
     mount: tuple[float, float, float] | None,
     rows: NDArray[np.int64],
 ) -> Numbers | None:
-    """Return the ranges (N, B) of the map from the poses of scans; None where the lidar's place is not known."""
+    """Return the map's ranges (N, B) for scans; None if the lidar's place is not known."""
     shape = bag.scan
     assert shape is not None
     found = origin_of(bag, clock, frames, None)

@@ -151,7 +151,7 @@ class Place:
 
 
 def coverage_of(n: int) -> float:
-    """Probability that the range of `n` values holds one more of the same distribution: (n - 1) / (n + 1)."""
+    """Probability (n - 1) / (n + 1) that the range of n values holds one more."""
     return max(0.0, (n - 1) / (n + 1))
 
 

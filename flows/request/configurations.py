@@ -84,7 +84,7 @@ def requirements(found: Instantiation) -> Iterator[str]:
 
 
 def distinct_configurations(instantiation: Instantiation, runs: int) -> list[ConfigurationRuns]:
-    """One for each configuration that is no duplicate, in order, with `runs` runs wanted of it; one of a recorded run."""
+    """One for each distinct configuration, in order, with `runs` runs wanted, or the only recorded one."""
     configurations = []
     places: Counter[str] = Counter()
     for each in instantiation.configurations:
