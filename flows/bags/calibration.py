@@ -98,7 +98,7 @@ def calibrate(
         notes += [f"{bag.name}: {note}" for note in _take_response(samples, bag, clock)]
     fitted = [*_lidar(samples), *_odometry(samples), *_response(samples)]
     if not fitted:
-        raise BagError(f"expected scans, a true pose, or commands with odometry, got none: {'; '.join(notes)}")
+        raise BagError(f"expected scans, a true pose, or commands with odometry, got none ({', '.join(notes)})")
     return Calibration(tuple(fitted), tuple(notes))
 
 

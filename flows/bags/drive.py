@@ -243,7 +243,7 @@ def _sent(bag: Bag, clock: Clock, begin_s: float, end_s: float) -> tuple[float, 
     """Return when the robot was sent, when its mission ended, and how; None where no action tells it."""
     status = bag.roles["status"]
     if bag.exported:
-        return begin_s, end_s, None
+        return begin_s, float(clock.times(bag.roles["truth"])[-1]) if len(bag.roles["truth"]) else end_s, None
     at_s, codes = clock.arrivals(status), status.values[:, 0] if len(status) else np.empty(0)
     if len(sent := np.flatnonzero(np.isin(codes, (1, _EXECUTING)))):
         ends = np.flatnonzero((codes >= _SUCCEEDED) & (np.arange(len(codes)) > sent[0]))
@@ -318,12 +318,12 @@ def origin_of(bag: Bag, clock: Clock, frames: Frames, start: Pose | None) -> Ori
 
 def truth_of(bag: Bag, clock: Clock, frames: Frames, t_s: NDArray[np.float64]) -> Poses | None:
     """Return the true poses (N, 3) at times; None where the bag has none."""
-    for name in frames.names:
-        if _TRUE.fullmatch(basename(name)) and basename(frames.up(name)[-1]) in _WORLDS:
-            return frames.poses(name, t_s)
-    if len(told := bag.roles["truth"]):
-        return between(clock.times(told), told.values[:, :3], t_s)
-    return None
+    named = (name for name in frames.names if _TRUE.fullmatch(basename(name)))
+    name = next((name for name in named if basename(frames.up(name)[-1]) in _WORLDS), None)
+    told = bag.roles["truth"]
+    if name is None or (bag.exported and len(told)):  # an export's transforms end a tick before its run
+        return between(clock.times(told), told.values[:, :3], t_s) if len(told) else None
+    return frames.poses(name, t_s)
 
 
 def _pose(values: NDArray[np.float64]) -> Pose:

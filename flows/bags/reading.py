@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.flows.bags.bag import Bag, Messages, ScanShape
+from vastflow.flows.export.mcap.topics import typestore
 
 MOST_BYTES: Final = 16 << 30
 MOST_MEMORY_BYTES: Final = 6 << 30
@@ -42,25 +43,16 @@ ROLES: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
 }
 """What a topic is for, to its type and the ends of its name, best first; an empty end is any name, of a single topic."""
 _TRUE: Final = re.compile("ground_?truth|_gt$")
-_BEHAVIOR_TREE: Final = {
-    "nav2_msgs/msg/BehaviorTreeStatusChange": "builtin_interfaces/Time timestamp\nstring node_name\nuint16 uid\n"
-    "string previous_status\nstring current_status\n",
-    "nav2_msgs/msg/BehaviorTreeLog": "builtin_interfaces/Time timestamp\nnav2_msgs/BehaviorTreeStatusChange[] event_log\n",
-}
 
 
 def read(path: Path, namespace: str, scans: bool) -> Bag:
     from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
     if (size := sum(file.stat().st_size for file in files)) > MOST_BYTES:
         raise ValueError(f"expected at most {MOST_BYTES >> 30} GiB, got {size / 2**30:.1f} GiB")
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for name, text in _BEHAVIOR_TREE.items():
-        store.register(get_types_from_msg(text, name))
     into = _Gathered(scans)
-    with AnyReader([path], default_typestore=store) as reader:
+    with AnyReader([path], default_typestore=typestore()) as reader:
         storage: Any = getattr(reader.readers[0], "storage", None)  # a ROS 1 bag has none
         about = getattr(getattr(storage, "metadata", None), "custom", None)
         into.exported = isinstance(about, dict) and "vastflow" in about

@@ -100,7 +100,7 @@ def test_calibration_of_nothing_is_refused(tmp_path):
 
     path = Mute(**vars(bare)).write(tmp_path / "mute", driven(lengths_m=(1.0,)))
     with pytest.raises(
-        BagError, match="expected scans, a true pose, or commands with odometry, got none: mute: no scans"
+        BagError, match="expected scans, a true pose, or commands with odometry, got none \\(mute: no scans, mute: "
     ):
         calibrate([path], None)
 

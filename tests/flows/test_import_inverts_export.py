@@ -60,29 +60,19 @@ def back(exported):
 
 
 def test_import_gives_the_poses_of_an_exported_run(exported, back):
-    recording, imported = exported[1], back[1]
-    rows = min(len(each.columns["t_ms"]) for each in (recording, imported))
-    assert abs(len(recording.columns["t_ms"]) - len(imported.columns["t_ms"])) <= 1
-    for name in ("t_ms", "x_mm", "y_mm", "yaw_mrad"):
-        apart = np.abs(recording.columns[name][:rows] - imported.columns[name][:rows])
-        assert apart.max() <= 1, (name, apart.max(), int(apart.argmax()))
-    # The bag's odometry is that of its own tick, the recorded estimate that of the one before: 50 ms at 0.5 m/s. Before AMCL's first pose
-    # there is no transform of the map.
-    for name in ("estimated_x_mm", "estimated_y_mm"):
-        apart = np.abs(recording.columns[name][1:rows] - imported.columns[name][1:rows])
-        assert apart.max() <= 26, (name, apart.max(), int(apart.argmax()))
-    for name in ("speed_mmps", "yaw_rate_mradps", "sent_speed_mmps", "command_speed_mmps", "localized"):
-        assert np.abs(recording.columns[name][:rows] - imported.columns[name][:rows]).max() <= 1, name
+    recorded, imported = exported[1].columns, back[1].columns
+    told = {name: imported[name] for name in recorded if not name.startswith("covariance_")}
+    assert imported.keys() == told.keys()
+    for name, column in told.items():
+        assert column.shape == recorded[name].shape, name
+        assert np.abs(recorded[name] - column).max() <= 1, name
 
 
 def test_import_gives_the_scans_of_an_exported_run(exported, back):
-    scans, ranges = np.array(exported[2])[1:], back[0].ranges_m
-    assert len(ranges) >= len(scans) - 1
-    returned = np.isfinite(ranges[: len(scans)])
+    scans, ranges = np.array(exported[2]), back[0].ranges_m
+    returned = np.isfinite(ranges)
     assert returned.any() and not returned.all()
-    for measured in ranges[1:]:
-        near = [np.where(np.isfinite(measured), np.abs(measured - scan), 0.0).max() for scan in exported[2]]
-        assert min(near) < 1e-5
+    np.testing.assert_allclose(ranges, scans, rtol=0.0, atol=1e-5)
 
 
 def test_import_gives_the_verdicts_of_an_exported_run(exported, back):
@@ -90,13 +80,11 @@ def test_import_gives_the_verdicts_of_an_exported_run(exported, back):
     said = []
     for each in (recording, back[1]):
         block = write_recordings([each])
-        verdicts = judge_block(scenario, block, observe_block(scenario, block), oracles_of(ORACLES)).verdicts
-        said.append(verdicts)
+        said.append(judge_block(scenario, block, observe_block(scenario, block), oracles_of(ORACLES)).verdicts)
     for ours, theirs in zip(*said, strict=True):
         assert (ours.oracle, ours.judgment, ours.reason) == (theirs.oracle, theirs.judgment, theirs.reason)
         for name, metric in ours.metrics.items():
-            if metric.value is not None:
-                assert theirs.metrics[name].value == pytest.approx(metric.value, rel=0.02, abs=0.15), (
-                    ours.oracle,
-                    name,
-                )
+            # A bag tells no tick of the goal: it is the end of the run, at most a row later.
+            off = 0.11 if name == "time_to_goal" else 0.002
+            value = None if metric.value is None else pytest.approx(metric.value, abs=off)
+            assert theirs.metrics[name].value == value, (ours.oracle, name)
