@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from real_bags import Recorder, beyond, driven
+from real_bags import Recorder, beyond, driven, split
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from table import each_row
 
@@ -74,6 +74,32 @@ def test_bag_gives_the_robots_estimate(tmp_path, drive, recorder, namespace, ori
     assert recording.run.simulated_s == pytest.approx(drive.t_s[-1] - 0.06, abs=0.11)
     assert si(recording.columns["sent_speed_mmps"]).max() == pytest.approx(drive.command[:, 0].max(), abs=1e-3)
     assert recording.columns["t_ms"].tolist() == [100 * k for k in range(len(found.t_s))]
+
+
+@each_row("plugin, suffix", [(StoragePlugin.MCAP, "*.mcap"), (StoragePlugin.SQLITE3, "*.db3")])
+def test_bag_is_read_from_its_file_alone(tmp_path, drive, plugin, suffix):
+    (file,) = replace(PLAIN, plugin=plugin).write(tmp_path / "bag", drive).glob(suffix)
+    (tmp_path / f"alone{file.suffix}").write_bytes(file.read_bytes())
+    _, found, _, notes = imported(tmp_path / f"alone{file.suffix}")
+    assert notes == () and off_m(found, drive, 0.05) < 0.03
+
+
+def test_bag_of_two_files_is_one_drive(tmp_path, drive):
+    whole = imported(PLAIN.write(tmp_path / "whole", drive))
+    halved = imported(split(tmp_path / "split", PLAIN, drive))
+    assert halved[3] == whole[3] == ()
+    assert {name: column.tolist() for name, column in halved[2].columns.items()} == {
+        name: column.tolist() for name, column in whole[2].columns.items()
+    }
+
+
+def test_bag_of_ros_1_is_read_without_actions(tmp_path, drive):
+    unstamped = replace(PLAIN, stamped=False, epoch_s=WALL_S)
+    _, found, recording, notes = imported(unstamped.write(tmp_path / "old.bag", drive))
+    assert found.origin == CHAIN and found.goal_from == "the first message of /goal_pose"
+    assert notes == ("no action tells the outcome; it follows from the distance to the goal",)
+    assert off_m(found, drive, 0.05) < 0.03
+    assert recording.columns["sent_speed_mmps"].any()
 
 
 @pytest.mark.parametrize("frame", ["base_link_true", "turtlebot4_base_link_gt"])

@@ -4,9 +4,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import yaml
 from PIL import Image
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 WIDTH_M, HEIGHT_M, CELL_M = 8.0, 6.0, 0.05
@@ -242,6 +244,8 @@ class Recorder:
     def write(self, path: Path, drive):
         """Write the bag and return its path."""
         rows = sorted(self.messages(drive), key=lambda row: row[0])
+        if path.suffix == ".bag":
+            return self._write_ros1(path, rows)
         writer = Writer(path, version=9, storage_plugin=self.plugin)
         if self.compression != CompressionMode.NONE:
             writer.set_compression(self.compression, CompressionFormat.ZSTD)
@@ -254,6 +258,59 @@ class Recorder:
                 raw = STORE.serialize_cdr(message, kind)
                 writer.write(connections[topic], round((log_s + self.epoch_s + self.log_s) * 1e9), raw)
         return path
+
+    def _write_ros1(self, path, rows):
+        """Write a bag of ROS 1, which has no actions and no time 0."""
+        store = get_typestore(Stores.ROS1_NOETIC)
+        tf = "tf2_msgs/msg/TFMessage"
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", tf))
+        with Ros1Writer(path) as writer:
+            connections = {}
+            for log_s, topic, message in rows:
+                kind = message.__msgtype__
+                if kind not in store.fielddefs:
+                    continue
+                if topic not in connections:
+                    connections[topic] = writer.add_connection(topic, kind, typestore=store)
+                raw = store.serialize_ros1(of_ros1(message, store), kind)
+                writer.write(connections[topic], round((log_s + self.epoch_s + self.log_s) * 1e9), raw)
+        return path
+
+
+def of_ros1(value, store):
+    """The same message with the types of ROS 1, whose headers count."""
+    if isinstance(value, list):
+        return [of_ros1(each, store) for each in value]
+    if not hasattr(value, "__msgtype__"):
+        return value
+    fields = {name: of_ros1(each, store) for name, each in vars(value).items()}
+    if value.__msgtype__ == "std_msgs/msg/Header":
+        fields["seq"] = 0
+    return store.types[value.__msgtype__](**fields)
+
+
+def split(path, recorder, drive):
+    """Write a bag of two files, as a recorder with a limit of size does."""
+    whole = recorder.write(path, drive)
+    halves = []
+    for k in range(2):
+
+        class Half(Recorder):
+            def messages(self, drive, k=k):
+                middle_s = drive.t_s[-1] / 2
+                return (row for row in super().messages(drive) if (row[0] < middle_s) == (k == 0))
+
+        halves.append(Half(**vars(recorder)).write(path.parent / f"half{k}", drive))
+    (whole / f"{path.name}.mcap").unlink()
+    names = [f"{path.name}_{k}.mcap" for k in range(2)]
+    for half, name in zip(halves, names, strict=True):
+        (half / f"{half.name}.mcap").rename(whole / name)
+    about = yaml.safe_load((whole / "metadata.yaml").read_text())
+    inner = about["rosbag2_bagfile_information"]
+    inner["relative_file_paths"] = names
+    inner["files"] = [{**inner["files"][0], "path": name} for name in names]
+    (whole / "metadata.yaml").write_text(yaml.safe_dump(about))
+    return whole
 
 
 def made(kind, **fields):
