@@ -76,7 +76,8 @@ def write_import(
         recording = recording_of(bag, clock, drive)
         if drive.truth is not None and "contact" not in bag.topics:
             hits = wall_contacts(drive, ground, radius_m)
-            run = replace(recording.run, events=(*hits, *recording.run.events))
+            events = sorted((*hits, *recording.run.events), key=lambda event: event.t_s)
+            run = replace(recording.run, events=tuple(events))
             recording = replace(recording, run=run)
         stem = f"bag{number}-" if len(bags) > 1 else ""
         file = folder / "recordings" / f"{stem}{_plain(path.stem)}.parquet"

@@ -49,7 +49,8 @@ def test_calibration_finds_what_was_planted(noisy, ground, with_map):
     found = fitted(noisy, ground if with_map else None)
     for name, planted in PLANTED.items():
         assert found[name].low <= planted <= found[name].high, found[name]
-        assert found[name].high - found[name].low < 1.5 * planted, found[name]
+        widest = 0.15 if "lidar" in name else 1.5 if "rotation" in name else 0.8  # few turns tell little
+        assert found[name].high - found[name].low < widest * planted, found[name]
 
 
 def test_calibration_tells_other_noise_apart(tmp_path):

@@ -19,10 +19,12 @@ from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.model.faults import FileError, ScenarioError
 from vastflow.sim.run import execute
+from vastflow.sim.system.system import system_of
 
 pytestmark = pytest.mark.timeout(600)
 PLAIN = Recorder(scans=False, odometry_hz=25.0)
 TRUE = replace(PLAIN, truth="base_link_true")
+COSTMAPS = ("local_costmap", "global_costmap")
 ORACLES = [("safety", {"fail_on_contact": "any"}), ("robustness", {}), ("navigation", {})]
 
 
@@ -31,10 +33,10 @@ def drive():
     return driven(lengths_m=(3.0,))
 
 
-def written(tmp_path, drive, recorder=PLAIN, runs=2):
+def written(tmp_path, drive, recorder=PLAIN, runs=2, params=None):
     path = recorder.write(tmp_path / "lab", drive)
     (tmp_path / "campaign").mkdir()
-    file, (imported,) = write_import(tmp_path / "campaign", [path], drawn_map(tmp_path / "map"), None, runs=runs)
+    file, (imported,) = write_import(tmp_path / "campaign", [path], drawn_map(tmp_path / "map"), params, runs=runs)
     return file, imported
 
 
@@ -58,6 +60,17 @@ def test_import_writes_a_campaign_of_one_recorded_and_several_simulated_runs(tmp
     assert {name: each.runs for name, each in found.items()} == {"real": 1, "simulated": 2}
     real, simulated = found["real"].scenario, found["simulated"].scenario
     assert real.situation_digest == simulated.situation_digest and real.digest != simulated.digest
+
+
+def test_import_simulates_the_robot_of_the_parameters(tmp_path, drive):
+    params = tmp_path / "wide.yaml"
+    costmaps = [f"{name}: {{{name}: {{ros__parameters: {{robot_radius: 1.5}}}}}}\n" for name in COSTMAPS]
+    params.write_text("".join(costmaps))
+    file, _ = written(tmp_path, drive, TRUE, params=params)
+    found = scenarios(file)
+    assert {system_of(each.scenario.system).inscribed_radius_m for each in found.values()} == {1.5}
+    (kept,) = read_recordings(file.parent / "recordings" / "lab.parquet")
+    assert {event.what for event in kept.run.events if event.kind == "contact"} == {"wall"}  # the robot stays 1.2 m off
 
 
 def test_recorded_run_is_read_and_not_simulated(tmp_path, drive):
