@@ -26,7 +26,7 @@ Column = NDArray[np.int32]
 
 
 def recording_of(bag: Bag, clock: Clock, drive: Drive) -> Recording:
-    """Return the recording of a drive; of a robot without a true pose the estimate stands in both places."""
+    """Return the recording of a drive. Without a true pose the estimate stands in both places."""
     t_s, poses = drive.t_s, drive.poses
     elapsed_s = t_s - t_s[0]
     speed_mps, yaw_rate_radps = _motion(bag, clock, drive)
@@ -117,7 +117,7 @@ def _recoveries(bag: Bag, clock: Clock, drive: Drive) -> list[Event]:
 
 
 def _contacts(bag: Bag, clock: Clock, drive: Drive) -> list[Event]:
-    """Contacts that the bag tells, as an export of ours does; it does not tell with what."""
+    """Contacts of a bag that has them, such as an export. It does not tell with what."""
     told, begin_s = bag.roles["contact"], float(drive.t_s[0])
     times = clock.arrivals(told) if drive.truth is not None and len(told) else np.empty(0)
     return [
