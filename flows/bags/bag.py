@@ -3,7 +3,6 @@
 import importlib.util
 import pickle
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.model.faults import UserError
+from vastflow.tasks.engine.process import own_environment, python_command
 
 
 class BagError(UserError):
@@ -92,8 +92,8 @@ def read_bag(path: Path, namespace: str = "", *, scans: bool = False) -> Bag:
         raise UserError("rosbags is missing. Call pip install 'vastflow[ros]'.")
     if not path.exists():
         raise BagError(f"{path}: expected a bag, got no such file or folder")
-    command = [sys.executable, "-m", "vastflow.flows.bags.reading", str(path), namespace, "1" * scans]
-    child = subprocess.run(command, capture_output=True, check=False)
+    command = python_command("vastflow.flows.bags.reading", str(path), namespace, "1" * scans)
+    child = subprocess.run(command, env=own_environment(), capture_output=True, check=False)
     if child.returncode == 0:
         bag: Bag = pickle.loads(child.stdout)  # of our own process, made of numbers and names
         return bag

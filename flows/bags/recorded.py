@@ -26,7 +26,7 @@ Column = NDArray[np.int32]
 
 
 def recording_of(bag: Bag, clock: Clock, drive: Drive) -> Recording:
-    """Return the recording of a drive. Without a true pose the estimate stands in both places."""
+    """Return the recording of a drive, whose true pose is the estimate where the bag has no other."""
     t_s, poses = drive.t_s, drive.poses
     elapsed_s = t_s - t_s[0]
     speed_mps, yaw_rate_radps = _motion(bag, clock, drive)

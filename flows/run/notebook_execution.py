@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
+from vastflow.tasks.engine.process import safe_path
+
 _PAGE: Final = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">
@@ -25,6 +27,8 @@ th, td {{ border-bottom: 1px solid #d8dee4; padding: .2rem .6rem; text-align: ri
 </body></html>
 """
 """No script of a notebook's outputs is executed, and nothing is asked of the network."""
+_ARGUMENTS: Final = ["--InteractiveShellApp.ignore_cwd=True"]
+"""A folder of results decides no more than its data: nothing is imported from it."""
 
 
 def execute(book: dict[str, Any], limit_s: float) -> str:
@@ -40,9 +44,12 @@ def execute(book: dict[str, Any], limit_s: float) -> str:
     notebook = nbformat.reads(text, as_version=4)  # type: ignore[no-untyped-call]
     if book["is_executed"]:
         there = {"metadata": {"path": book["folder"]}}
-        client = NotebookClient(notebook, timeout=limit_s, kernel_name="python3", resources=there)
+        client = NotebookClient(
+            notebook, timeout=limit_s, kernel_name="python3", resources=there, extra_arguments=_ARGUMENTS
+        )
         try:
-            client.execute()
+            with safe_path():
+                client.execute()
         except CellExecutionError as error:
             wrong = f"{error.ename}: {' '.join(str(error.evalue).split())[:300]}"
         except CellTimeoutError:

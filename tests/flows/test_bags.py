@@ -143,6 +143,14 @@ def test_bag_of_two_robots_asks_for_one(tmp_path):
         topics_of(topics, "robot3")
 
 
+def test_reading_imports_nothing_from_the_working_directory(drive, tmp_path, monkeypatch):
+    for name in ("numpy", "rosbags"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('code of the folder')\n")
+    bag = PLAIN.write(tmp_path / "bag", drive)
+    monkeypatch.chdir(tmp_path)
+    assert len(read_bag(bag).roles["odometry"])
+
+
 def test_bag_drops_poses_that_are_nowhere(tmp_path, drive):
     wild = replace(drive, odometry=drive.odometry.copy())
     wild.odometry[400] = np.nan

@@ -136,6 +136,12 @@ def test_failing_cell_is_a_fault_in_one_sentence_and_verdicts_stay(campaign, mon
     assert [*steps[0]["files"]] == ["room-1/1/My-Tab-run.html", "room-1/1/My-Tab-run.ipynb"]  # which failed
 
 
+def test_notebook_imports_nothing_from_its_folder(tmp_path):
+    for name in ("pandas", "numpy"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('code of the folder')\n")
+    assert execute_books([Book(written("import numpy, pandas"), {}, str(tmp_path), str(tmp_path / "page"))]) == [""]
+
+
 def test_cell_without_end_is_cut_after_its_time(tmp_path, monkeypatch):
     monkeypatch.setattr(notebook_module, "LIMIT_S", 1.0)
     book = Book(written("1", "while True: pass"), {}, str(tmp_path), str(tmp_path / "endless"))
