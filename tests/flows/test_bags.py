@@ -151,7 +151,7 @@ def test_reading_imports_nothing_from_the_working_directory(drive, tmp_path, mon
     assert len(read_bag(bag).roles["odometry"])
 
 
-def test_bag_drops_poses_that_are_nowhere(tmp_path, drive):
+def test_bag_drops_poses_beyond_any_map(tmp_path, drive):
     wild = replace(drive, odometry=drive.odometry.copy())
     wild.odometry[400] = np.nan
     wild.odometry[600] = 1e9

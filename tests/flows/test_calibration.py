@@ -45,7 +45,7 @@ def noisy(tmp_path_factory):
 
 
 @pytest.mark.parametrize("with_map", [True, False])
-def test_calibration_finds_what_was_planted(noisy, ground, with_map):
+def test_calibration_recovers_planted_values(noisy, ground, with_map):
     found = fitted(noisy, ground if with_map else None)
     for name, planted in PLANTED.items():
         assert found[name].low <= planted <= found[name].high, found[name]
@@ -53,7 +53,7 @@ def test_calibration_finds_what_was_planted(noisy, ground, with_map):
         assert found[name].high - found[name].low < widest * planted, found[name]
 
 
-def test_calibration_tells_other_noise_apart(tmp_path):
+def test_calibration_distinguishes_levels_of_noise(tmp_path):
     quiet = replace(NOISY, scan_noise_m=0.01, dropout=0.2)
     found = fitted(quiet.write(tmp_path / "quiet", driven(2, dead_s=0.2, lag_s=0.05, slip=0.01)))
     for name, planted in zip(PLANTED, (0.01, 0.2, 0.01, 0.01, 0.2, 0.05), strict=True):
@@ -61,7 +61,7 @@ def test_calibration_tells_other_noise_apart(tmp_path):
         assert not found[name].low <= PLANTED[name] <= found[name].high, found[name]
 
 
-def test_calibration_is_robust_against_what_no_map_has(tmp_path, ground):
+def test_calibration_is_robust_against_unmapped_objects(tmp_path, ground):
     class Crowded(Recorder):
         def messages(self, drive):
             for log_s, topic, message in super().messages(drive):
@@ -140,7 +140,7 @@ def test_deviation_interval_holds_the_deviation_at_its_level():
 
 
 @pytest.mark.slow
-def test_calibration_finds_what_was_planted_in_19_of_20_bags(tmp_path, ground):
+def test_calibration_recovers_planted_values_in_19_of_20_bags(tmp_path, ground):
     missed = dict.fromkeys(PLANTED, 0)
     for seed in range(20):
         path = replace(NOISY, seed=seed).write(tmp_path / f"bag{seed}", drive(100 + seed))

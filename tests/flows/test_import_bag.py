@@ -146,7 +146,7 @@ def test_place_of_a_run_like_the_simulated_has_uniform_p_values():
         assert np.mean(np.array(values) <= level) <= level + 0.02
 
 
-def test_import_refuses_what_it_cant_use(tmp_path, drive):
+def test_import_refuses_unusable_bags_and_options(tmp_path, drive):
     room = drawn_map(tmp_path / "map")
     path = PLAIN.write(tmp_path / "lab", drive)
     assert refused("import", path, "--map", tmp_path / "no.yaml").startswith("--map: expected a file, got ")

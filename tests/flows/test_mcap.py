@@ -288,7 +288,7 @@ def test_exported_twice_is_the_same(recorded):
     assert bag_of(recorded) == bag_of(recorded)
 
 
-def test_missing_package_is_said_in_a_sentence(recorded, monkeypatch):
+def test_export_names_missing_package(recorded, monkeypatch):
     import builtins
 
     real = builtins.__import__

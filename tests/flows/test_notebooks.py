@@ -203,7 +203,7 @@ def test_filled_replaces_only_whole_lines_and_takes_them_back():
     assert json.loads(filled(filled(text, values), values, back=True)) == json.loads(text)
 
 
-def test_notebook_command_refuses_what_is_not_there_and_overwrites_nothing(results, tmp_path, monkeypatch):
+def test_notebook_command_refuses_unknown_names_and_overwrites_nothing(results, tmp_path, monkeypatch):
     directory = results.directory
     assert "--run: expected CONFIGURATION/RUN, such as room-1/0, got 'room-1'" in refused(
         "notebook", directory, "--run", "room-1"

@@ -78,7 +78,7 @@ def test_publication_is_a_bag_to_another_program(archive, tmp_path):
     assert bagit.Bag(str(folder)).validate()
 
 
-def test_crate_has_what_the_specification_demands(archive):
+def test_crate_has_required_entities_of_specification(archive):
     with zipfile.ZipFile(archive) as source:
         names = {name.partition("/data/")[2] for name in source.namelist()}
         crate = json.loads(source.read(next(n for n in source.namelist() if n.endswith("ro-crate-metadata.json"))))

@@ -88,7 +88,7 @@ def test_report_has_same_bytes_twice(made, tmp_path):
     assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "two.zip").read_bytes()
 
 
-def test_repeat_tells_another_recording_and_damage(made, tmp_path):
+def test_repeat_distinguishes_other_recording_from_damage(made, tmp_path):
     reported(made, "room-1/0", tmp_path / "failure")
     file = tmp_path / "failure" / "campaign.vast"
     file.write_text(file.read_text().replace("seed: 5", "seed: 6"))
@@ -118,7 +118,7 @@ def test_repeat_executes_no_code_without_trust(made, tmp_path):
         ("room-1/1", "expected a run that failed, got one that passed. Runs 0, 2 of it failed."),
     ],
 )
-def test_report_refuses_what_is_no_failed_run(made, tmp_path, asked, said):
+def test_report_refuses_runs_without_failure(made, tmp_path, asked, said):
     assert said in refused("report-failure", made, asked, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -255,7 +255,7 @@ def test_file_that_changed_or_is_gone_is_not_copied(campaign, tmp_path):
 
 
 @pytest.mark.parametrize("uri", ["model://crate", "post.sdf"])
-def test_world_is_handed_to_programs_with_what_it_includes(tmp_path, uri):
+def test_program_gets_world_with_included_files(tmp_path, uri):
     crate = (
         "<sdf version='1.6'><model name='c'><link name='l'><collision name='c'><geometry><box><size>1 1 1</size></box>"
     )

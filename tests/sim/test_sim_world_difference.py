@@ -141,6 +141,6 @@ def test_malformed_world_is_refused_with_place(value, message):
         difference_of(value)
 
 
-def test_difference_moves_no_wall_unless_it_says_so():
+def test_difference_without_shift_moves_no_wall():
     found = difference_of({"seed": 1, "missing_furniture": 0.5})
     assert (found.wall_offset_m, found.correlation_length_m, found.missing_share) == (0.0, 2.0, 0.5)

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.timeout(900)
 API_S = 90
 
 
-def test_api_ends_with_a_process_that_is_killed(tmp_path):
+def test_api_ends_after_kill_of_its_process(tmp_path):
     script = textwrap.dedent(f"""
         import pathlib, time
         from vastflow.tasks.prefect.server import ApiServer

@@ -91,7 +91,7 @@ def test_run_is_described_in_words_and_events(call, ids):
     assert (passed["judgment"], passed["verdicts"][0]["judgment"]) == ("pass", "pass")
 
 
-def test_map_shows_the_runs_that_are_asked_for(call, ids):
+def test_map_shows_requested_runs(call, ids):
     pictures = []
     for run_index in ([0], [3], []):
         picture, words = call("draw_map", campaign=ids[0], configuration="room-2", run_index=run_index)

@@ -141,7 +141,7 @@ def test_plan_that_takes_too_long_is_ended(drafted, workspace, monkeypatch):
         drafted().plan_campaign(CAMPAIGN.format(map=map_in(workspace)))
 
 
-def test_text_that_is_no_yaml_is_refused(drafted):
+def test_draft_refuses_text_without_yaml(drafted):
     with pytest.raises(UserError, match="expected a campaign file in YAML"):
         drafted().plan_campaign("a: [1, 2")
 

@@ -154,7 +154,7 @@ def test_request_without_right_token_host_and_origin_is_refused(port, status, he
 
 
 @pytest.mark.timeout(ENDS_S)
-def test_body_that_is_too_large_is_refused(port):
+def test_server_refuses_large_body(port):
     assert answer(port, body=json.dumps("x" * 2**21), Authorization=f"Bearer {TOKEN}")[0] == 413
 
 
@@ -212,7 +212,7 @@ def test_fault_of_vastflow_is_a_sentence_and_its_trace_in_the_log(call, monkeypa
     assert "ZeroDivisionError: division by zero" in capsys.readouterr().err
 
 
-def test_answer_that_is_too_large_is_a_sentence(call, monkeypatch):
+def test_large_answer_becomes_one_sentence(call, monkeypatch):
     monkeypatch.setattr("vastflow.deployments.assistant.answers.robot_text", lambda _: "x" * 10**6)
     assert "at most 200,000 characters, got 2,00" in call("campaigns")
 

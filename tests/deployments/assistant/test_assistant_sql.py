@@ -146,7 +146,7 @@ def test_hostile_text_is_refused_or_cut_within_3_s_and_1500_mb(campaigns, text):
         ("SELECT 1\0", "printable text"),
     ],
 )
-def test_refusal_says_why(campaigns, text, words):
+def test_sql_refusal_gives_reason(campaigns, text, words):
     assert words in str(timed(campaigns, text)[0])
 
 
@@ -166,7 +166,7 @@ def test_settings_and_files_are_out_of_reach_without_the_check(campaigns, monkey
             sql._answer({**question, "sql": text})
 
 
-def test_tables_hold_what_the_files_hold(campaigns):
+def test_sql_tables_equal_parquet_files(campaigns):
     for table, (file, _, _) in TABLES.items():
         expected = sum(len(pd.read_parquet(path / file)) for path in campaigns.values())
         assert answer_sql(campaigns, f"SELECT count(*) FROM {table}", 1, 0)["rows"] == [[expected]]
