@@ -87,7 +87,7 @@ def _execute(archive: Path, directory: Path, number: int | None, seed: int, trus
     what = "the simulator, and code of the archive" if has_code else "the simulator alone, and no code of the archive"
     print(f"executing {len(drawn)} of {len(population.runs)} runs again (--seed {seed}): {what}", file=sys.stderr)
     executed = []
-    with executing(directory, trust, code=has_code):
+    with executing(directory, trust, code=has_code, called=archive):
         for run in execute_again(directory, drawn, has_code):
             executed.append(run)
             if run.outcome != "equal":

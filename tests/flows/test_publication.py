@@ -16,7 +16,10 @@ from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.publication.about import orcid_of
 from vastflow.flows.publication.verification import undetected_share
+from vastflow.flows.results import trust
+from vastflow.flows.results.trust import ForeignCode, NotPermitted
 from vastflow.oracles.judgment.verdict import Verdict
+from vastflow.oracles.replay import recorded as replayed
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.blocks import read_recordings, write_recordings
 from vastflow.sim.model.faults import UserError
@@ -207,6 +210,18 @@ def with_input(results, folder, name, content):
     shutil.copytree(results, copy)
     (copy / "inputs" / name).write_bytes(content)
     return copy
+
+
+def test_verification_asks_for_code_of_the_archive_by_its_name(archive, monkeypatch):
+    def refuse(directory, consent):
+        raise NotPermitted(ForeignCode(str(directory), ("inputs/own.py",), "d" * 64))
+
+    monkeypatch.setattr(trust, "permitted_contents", refuse)
+    monkeypatch.setattr(replayed, "needs_code", lambda recorded: True)
+    done = called("verify", archive, "--runs", "1")
+    assert done.exit_code == 2
+    words = f"{archive} would execute code that you neither made nor permitted: inputs/own.py (digest dddddddddddd). Permit it by --trust."
+    assert done.stderr.splitlines()[-1] == words
 
 
 def test_opaque_input_blocks_before_anything_is_written(results, tmp_path):
