@@ -200,6 +200,7 @@ def test_campaign_db_has_a_search_s_proposals_in_their_batches(tmp_path):
             "SELECT config_name, idx, objective, objectives_json FROM unit JOIN batch ON batch.id = batch_id"
         )
         assert rows.fetchall() == [(f"a-{k}", k // 2, k / 4, json.dumps({"rate": k / 4})) for k in range(3)]
+        assert database.execute("SELECT n_samples FROM unit").fetchall() == [(0,), (0,), (0,)]  # none was exported
         assert database.execute("SELECT mode, batches, stop_kind FROM campaign").fetchall() == [
             ("search", 2, "evaluations")
         ]

@@ -15,7 +15,7 @@ from vastflow.flows.cli import notebook as notebook_command
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.run import notebook as notebook_module
 from vastflow.flows.run import postprocess
-from vastflow.flows.run.notebook import Book, execute_books, filled, shipped
+from vastflow.flows.run.notebook import Book, execute_books, execute_kept, filled, shipped
 from vastflow.flows.run.postprocess import run_steps
 from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.producers.campaign_file import visualization
@@ -140,6 +140,31 @@ def test_notebook_imports_nothing_from_its_folder(tmp_path):
     for name in ("pandas", "numpy"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit('code of the folder')\n")
     assert execute_books([Book(written("import numpy, pandas"), {}, str(tmp_path), str(tmp_path / "page"))]) == [""]
+
+
+def test_store_keeps_outputs_by_text_results_and_values(tmp_path, monkeypatch):
+    executed = []
+
+    def execute(books):
+        for each in books:
+            if each.is_executed:
+                executed.append((each.text, each.values["RUN"]))
+            Path(f"{each.place}.ipynb").write_text(f"outputs of {each.text}")
+        return [""] * len(books)
+
+    monkeypatch.setattr(notebook_module, "execute_books", execute)
+    store = open_store(tmp_path / "store")
+    for text, results, run in [
+        ("a", "r", 0),
+        ("a", "r", 0),
+        ("b", "r", 0),
+        ("a", "s", 0),
+        ("a", "r", 1),
+        ("a", "r", 0),
+    ]:
+        book = Book(text, {"RUN": run, "DATA_DIR": f"/tmp/{len(executed)}"}, str(tmp_path), str(tmp_path / "page"))
+        assert execute_kept([book], results, store) == [""]
+    assert executed == [("a", 0), ("b", 0), ("a", 0), ("a", 1)]
 
 
 def test_cell_without_end_is_cut_after_its_time(tmp_path, monkeypatch):

@@ -17,6 +17,7 @@ from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows import run_campaign
+from vastflow.flows.failure import report
 from vastflow.flows.failure.report import BAG, FILM, README
 from vastflow.flows.failure.small_map import with_small_map
 from vastflow.oracles.judgment.verdict import Verdict
@@ -124,14 +125,15 @@ def test_report_refuses_runs_without_failure(made, tmp_path, asked, said):
 
 
 def test_report_leaves_largest_parts_out_first(made, tmp_path, monkeypatch):
+    assert report.MOST_BYTES == 1_000_000
     whole = reported(made, "room-1/0", tmp_path / "whole").output
     assert "left out" not in whole
     size = int(whole.rpartition(", ")[2].split(" ")[0].replace(",", ""))
-    monkeypatch.setattr("vastflow.flows.failure.report.MOST_BYTES", size - 1)
+    monkeypatch.setattr(report, "MOST_BYTES", size - 1)
     said = reported(made, "room-1/0", tmp_path / "less").output
     assert "left out: the costmaps of the bag" in said and (tmp_path / "less" / FILM).exists()
     assert "the costmaps of the bag" in (tmp_path / "less" / README).read_text()
-    monkeypatch.setattr("vastflow.flows.failure.report.MOST_BYTES", 15_000)
+    monkeypatch.setattr(report, "MOST_BYTES", 15_000)
     said = reported(made, "room-1/0", tmp_path / "least").output
     assert "left out: the bag\nleft out: the film" in said
 
