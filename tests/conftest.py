@@ -207,6 +207,7 @@ def started_api(prefect_home):
     from prefect.client.orchestration import get_client
     from prefect.settings import temporary_settings
 
+    from vastflow.tasks.prefect.adapter import end_services, unsent
     from vastflow.tasks.prefect.server import ApiServer, PrefectUnavailable
 
     @contextlib.contextmanager
@@ -225,6 +226,10 @@ def started_api(prefect_home):
                 with settings, get_client(sync_client=True) as client:
                     yield client
             finally:
+                end_services(
+                    1.0
+                )  # else later campaigns of this process send their events to this server, which is gone
+                assert unsent() == 0
                 server.stop()
 
     return started

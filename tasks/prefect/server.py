@@ -150,6 +150,11 @@ def embedded(url: str, auth: str) -> Iterator[None]:
     """Use the embedded API at `url` in this context and the threads it starts."""
     from prefect.settings import temporary_settings
 
+    from vastflow.tasks.prefect.adapter import end_services
+
+    end_services(
+        SENDING_S
+    )  # a client that this process had before would send our events to the server that it was made for
     token = _EMBEDDED.set(True)
     try:
         api = {"api.url": url, "api.auth_string": auth}

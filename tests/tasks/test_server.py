@@ -1,4 +1,3 @@
-import os
 import signal
 import subprocess
 import sys
@@ -155,9 +154,6 @@ def test_draining_ends_where_nothing_is_recorded_any_more(drained, caplog, unsen
     assert "Prefect recorded 1 of 3 task runs" in caplog.text
 
 
-ALONE = "VASTFLOW_TEST_ALONE"
-
-
 class Deaf:
     """A connection that swallows what is sent and then turns out to be closed."""
 
@@ -171,16 +167,29 @@ class Deaf:
         raise ConnectionClosedError(None, None)
 
 
-def test_events_of_a_broken_connection_are_awaited_until_they_are_sent_again(
-    tmp_path, prefect_home, monkeypatch, request
-):
-    if ALONE not in os.environ:  # after other tests it failed twice under load, alone never; the cause is not known
-        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"{__file__}::{request.node.name}"]
-        done = subprocess.run(
-            command, check=False, env={**os.environ, ALONE: "1"}, capture_output=True, text=True, timeout=300
-        )
-        assert done.returncode == 0, done.stdout
-        return
+@flow(persist_result=False)
+def two():
+    for k in range(2):
+        task(lambda k: k, name="one", persist_result=False)(k)
+    return drain(str(flow_run.id), 2)
+
+
+def test_events_go_to_the_embedded_server_after_another_ended(tmp_path, prefect_home, monkeypatch):
+    monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
+    monkeypatch.setattr(server_module, "QUIET", 6)
+    try:
+        for number in range(2):
+            server = ApiServer(tmp_path / f"log{number}")
+            try:
+                with embedded(server.url(), server.auth):
+                    assert two(), number
+            finally:
+                server.stop(0)  # and the client of this process stays
+    finally:
+        end_services(1.0)
+
+
+def test_events_of_a_broken_connection_are_awaited_until_they_are_sent_again(tmp_path, prefect_home, monkeypatch):
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
     monkeypatch.setattr(server_module, "QUIET", 6)
     interval = property(lambda self: 9.0, lambda self, given_s: None)
@@ -193,12 +202,6 @@ def test_events_of_a_broken_connection_are_awaited_until_they_are_sent_again(
             self._websocket = deaf
 
     monkeypatch.setattr(PrefectEventsClient, "_auth_handshake", shake_and_break)
-
-    @flow(persist_result=False)
-    def two():
-        for k in range(2):
-            task(lambda k: k, name="one", persist_result=False)(k)
-        return drain(str(flow_run.id), 2)
 
     server = ApiServer(tmp_path / "log")
     try:
