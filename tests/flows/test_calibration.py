@@ -10,7 +10,7 @@ from real_bags import Recorder, drawn_map, driven
 from room import drawn_room
 
 from vastflow.flows.bags.bag import BagError
-from vastflow.flows.bags.calibration import calibrate, deviation_interval, section_of
+from vastflow.flows.bags.calibration import _noise, calibrate, deviation_interval, section_of
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.sim.world.world import map_content, read_grid
 
@@ -42,6 +42,11 @@ def ground(tmp_path_factory):
 @pytest.fixture(scope="module")
 def noisy(tmp_path_factory):
     return NOISY.write(tmp_path_factory.mktemp("bags") / "noisy", drive(1))
+
+
+def test_straight_wall_leaves_no_difference_however_coarse_the_beams():
+    bearings_rad = np.arange(-1.0, 1.05, 0.1)
+    assert np.abs(_noise(2.0 / np.cos(bearings_rad), 0.1, None)).max() < 1e-12
 
 
 @pytest.mark.parametrize("with_map", [True, False])

@@ -8,7 +8,9 @@ import pytest
 from command_line import called, refused
 from real_bags import Recorder, drawn_map, driven
 
+from vastflow.flows.bags.drive import Drive
 from vastflow.flows.bags.imported import coverage_of, place_of, write_import
+from vastflow.flows.bags.recorded import wall_contacts
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.configurations import distinct_configurations
 from vastflow.oracles.judgment.judge import judge_block
@@ -18,8 +20,10 @@ from vastflow.oracles.query.frames import frames_of, stored_run
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.model.faults import FileError, ScenarioError
+from vastflow.sim.model.pose import Pose
 from vastflow.sim.run import execute
 from vastflow.sim.system.system import system_of
+from vastflow.sim.world.occupancy import OccupancyMap
 
 pytestmark = pytest.mark.timeout(600)
 PLAIN = Recorder(scans=False, odometry_hz=25.0)
@@ -144,6 +148,19 @@ def test_place_of_a_run_like_the_simulated_has_uniform_p_values():
     values = [place_of("s", real, simulated).p for real, *simulated in drawn]
     for level in (0.1, 0.2, 0.5):
         assert np.mean(np.array(values) <= level) <= level + 0.02
+
+
+def test_wall_contact_begins_a_cell_within_the_radius_of_the_true_pose():
+    cells = np.zeros((40, 40), dtype=np.int8)
+    cells[:, 39] = 100  # its centers are at 1.975 m
+    ground, t_s = OccupancyMap(cells, 0.05, (0.0, 0.0)), 0.1 * np.arange(6)
+    for near_m, begins_s in (
+        (1.825, []),
+        (1.875, [0.1, 0.3]),
+    ):  # centers of cells, 0.15 m and 0.1 m from those of the wall
+        true = np.column_stack(([1.0, near_m, 1.0, near_m, near_m, 1.0], np.full(6, 1.0), np.zeros(6)))
+        told = Drive(t_s, true, true, "", Pose(1.0, 1.0), "", "succeeded", "", ())
+        assert [(each.t_s, each.what) for each in wall_contacts(told, ground, 0.19)] == [(t, "wall") for t in begins_s]
 
 
 def test_import_refuses_unusable_bags_and_options(tmp_path, drive):
