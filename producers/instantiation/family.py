@@ -1,7 +1,7 @@
 """One scenario family of a campaign file, read and checked."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -39,9 +39,10 @@ from vastflow.producers.model.producer import (
 from vastflow.producers.places.ground import GROUND, MAP_FILE_KEYS, MapSearch
 from vastflow.producers.places.start_check import pose_complaints, room_m, stops_of
 from vastflow.producers.places.stops import GOALS_KEY
-from vastflow.sim.model.digest import FileContent, Value, file_digest
+from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Complaint, Fault, FileError, Got, Place, Problem
 from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.recording import recording_value
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
@@ -51,7 +52,7 @@ from vastflow.sim.reading.movers import MOVERS_KEY, movers_value
 from vastflow.sim.system.keys import RECORDING_KEY, is_of_footprint
 from vastflow.sim.system.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.system.system import system_of
-from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, difference_of, world_files
+from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, world_files
 from vastflow.sim.world.readers.own import world_value
 from vastflow.sim.world.readers.reader import MissingWorld
 from vastflow.sim.world.world import free_unknown_cells, read_grid
@@ -226,10 +227,8 @@ class FamilyReader:
             if key.startswith("_"):
                 self._fault(where, Got(repr(key)), "a name without a leading underscore", at="key")
             places[key] = where
-            if key == WORLD_KEY:
-                values[key] = self._world(where, value)
-            elif key == RECORDING_KEY:
-                values[key] = self._recording(where, value)
+            if key in (WORLD_KEY, RECORDING_KEY):
+                values[key] = self._read(where, value, world_value if key == WORLD_KEY else recording_value)
             elif key == MOVERS_KEY:
                 values[key] = movers_value(value, self._base)
             elif key not in MAP_FILE_KEYS:
@@ -254,19 +253,9 @@ class FamilyReader:
                 self.faults.append(replace(fault, kind="missing") if isinstance(error, MissingWorld) else fault)
         return self._maps.get(value)
 
-    def _recording(self, location: Location, value: Value) -> Value:
+    def _read(self, location: Location, value: Value, read: Callable[[Value, Path], Value]) -> Value:
         try:
-            return FileContent(str(self._base / str(value)), file_digest(self._base / str(value)))
-        except (OSError, ValueError) as error:
-            fault = self._document.fault(location, Got(shown(value)), f"a recording of `vastflow import` ({error})")
-            self.faults.append(fault)
-            return value
-
-    def _world(self, location: Location, value: Value) -> Value:
-        try:
-            if isinstance(value, str):
-                return world_value(value, self._base)
-            difference_of(value)
+            return read(value, self._base)
         except ValueError as error:  # ScenarioError; ValueError for a NUL in the path
             self.faults.append(self._document.fault(location, str(error).removeprefix(f"{WORLD_KEY}: ")))
         return value

@@ -3,12 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.model.digest import digest
+from vastflow.sim.model.digest import FileContent, Value, digest, file_digest
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.obstacle import Model, Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.shape import Box, Disc
@@ -138,6 +140,15 @@ class Recording:
         columns = {name: column.astype("<i4").tobytes().hex() for name, column in self.columns.items()}
         behaviors = {name: column.tolist() for name, column in self.behaviors.items()}
         return digest(run_row(self.run), columns, behaviors)
+
+
+def recording_value(value: Value, base: Path) -> FileContent:
+    """Return the recording at a path as a configuration's value, or raise `ScenarioError`."""
+    path = base / str(value)
+    try:
+        return FileContent(str(path), file_digest(path))
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"expected a recording of `vastflow import` ({error}), got {value!r}") from None
 
 
 def run_row(run: Run) -> dict[str, Any]:

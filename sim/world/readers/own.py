@@ -6,7 +6,7 @@ from typing import Final
 
 import platformdirs
 
-from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.files import keep_folder
 from vastflow.sim.plug_ins.effects import plug_in_code, watched
@@ -14,6 +14,7 @@ from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import FILE, plug_in_file
 from vastflow.sim.plug_ins.snapshot import PlugInFile, snapshot_of
+from vastflow.sim.world.environment import difference_of
 from vastflow.sim.world.readers.body_list import BODIES
 from vastflow.sim.world.readers.reader import WorldError
 from vastflow.sim.world.readers.registry import checked_bodies
@@ -22,17 +23,21 @@ from vastflow.sim.world.world import world_content
 _NAME: Final = "world.bodies.json"
 
 
-def world_value(name: str, base: Path) -> FileContent:
-    """Return a world by its file, or by the reader `file.py:Class` that makes it, both relative to `base`.
+def world_value(value: Value, base: Path) -> Value:
+    """Return the world of a file, or of the reader `file.py:Class`, relative to `base`; a difference as it is.
 
     A reader is given the path of the copy of its own file, with the files that it declares beside it. The bodies that it gives are kept as a file: who runs in the world needs no reader.
 
     Raises:
         WorldError: no such file or class, one that can't be used, or whatever the class raises.
+        ScenarioError: another value, that is no difference from the map.
     """
-    if FILE not in name:
-        return world_content(base / name)
-    file, class_name = plug_in_file(name, base), name.rpartition(":")[2]
+    if not isinstance(value, str):
+        difference_of(value)
+        return value
+    if FILE not in value:
+        return world_content(base / value)
+    file, class_name = plug_in_file(value, base), value.rpartition(":")[2]
     try:
         snapshot = snapshot_of(file, base)
         reader = getattr(module_of(snapshot), class_name)
@@ -49,4 +54,4 @@ def world_value(name: str, base: Path) -> FileContent:
     except Exception as error:
         raise WorldError(f"{file}: {class_name}: {type(error).__name__}: {' '.join(str(error).split())}") from error
     found = world_content(folder / _NAME)
-    return PlugInFile(found.path, found.digest, {name: snapshot})
+    return PlugInFile(found.path, found.digest, {value: snapshot})
