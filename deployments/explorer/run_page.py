@@ -55,8 +55,8 @@ def _bag(*run: Any) -> bytes:
     return bag_file(*run)
 
 
-class KeptLayers:
-    """The layers of runs, executed in processes of their own; those of the last runs are kept.
+class KeptExecutions:
+    """Results of runs that are executed, in processes of their own; the last results are kept.
 
     What is asked for waits its turn, however much is asked for, and is given up when nobody waits for it any more.
 
@@ -74,14 +74,14 @@ class KeptLayers:
         weakref.finalize(self, _close, self._idle).atexit = False
 
     def prepare(self) -> None:
-        """Start a process, so that it is ready when layers are asked for."""
+        """Start a process, so that it is ready when a run is asked for."""
         if not self._asked:
             pool = self._taken()
             pool.prepare(_prepared)
             self._idle.append(pool)
 
-    async def layers(self, run: Run, is_gone: Callable[[], Awaitable[bool]], consent: str | None = None) -> bytes:
-        """Return the compressed layers of a run.
+    async def result(self, run: Run, is_gone: Callable[[], Awaitable[bool]], consent: str | None = None) -> bytes:
+        """Return what the execution of a run gives.
 
         Args:
             consent: See `permitted_contents`.
@@ -164,7 +164,7 @@ def around_run(directory: Path, configuration: str, run_index: int) -> Mapping[s
 
 def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
     """Return the routes of the page."""
-    kept, bags = KeptLayers(), KeptLayers(_bag)
+    kept, bags = KeptExecutions(), KeptExecutions(_bag)
 
     def run(request: Request) -> Response:
         from vastflow.oracles.query import frames  # a third of a second of imports
@@ -217,13 +217,13 @@ def routes(directories: Directories, pages: Pages) -> list[BaseRoute]:
         with reading(campaign.path.name):
             return Response(packed(*frames_of(stored, configuration)), media_type=ARRAYS)
 
-    async def executed(request: Request, of: KeptLayers, **headers: str) -> Response:
+    async def executed(request: Request, of: KeptExecutions, **headers: str) -> Response:
         campaign = await asyncio.to_thread(directories.find, name_of(request, "c"))
         place = campaign.path, name_of(request, "configuration"), number_of(request, "run")
         await request.body()  # only after it a client's end is heard
         try:
             permit = request.query_params.get("permit") or None
-            content = await of.layers(place, request.is_disconnected, permit)
+            content = await of.result(place, request.is_disconnected, permit)
         except NotPermitted as error:
             asks = {"named": error.code.named, "digest": error.code.digest}
             return JSONResponse({"error": f"{error.code}.", "asks": asks}, 409)

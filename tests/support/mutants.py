@@ -32,7 +32,7 @@ from whole_directory import ConfigurationResult, write_results
 from vastflow.deployments.explorer import server
 from vastflow.deployments.explorer.directories import Directories
 from vastflow.deployments.explorer.pages import Pages
-from vastflow.deployments.explorer.run_page import KeptLayers
+from vastflow.deployments.explorer.run_page import KeptExecutions
 from vastflow.flows.cli.__main__ import app
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.oracles.judgment.verdict import Metric, Verdict
@@ -376,7 +376,7 @@ class Explorer:
         """Ask for the list, some pages of the damaged directory, and those of its neighbor."""
         # `prepare` starts a process to execute runs in; explorers share templates; a client that is entered has one event loop.
         shared = patch.object(server, "Pages", lambda: PAGES)
-        with patch.object(KeptLayers, "prepare"), shared, explorer_of(*self.roots) as client:
+        with patch.object(KeptExecutions, "prepare"), shared, explorer_of(*self.roots) as client:
             return self._read(client, path, rng)
 
     def _read(self, client: TestClient, path: Path, rng: random.Random) -> str:

@@ -15,7 +15,7 @@ from unpacked import unpacked
 
 from vastflow.deployments.explorer import run_page
 from vastflow.deployments.explorer.layers import Parts, Watched, layers_of
-from vastflow.deployments.explorer.run_page import KeptLayers
+from vastflow.deployments.explorer.run_page import KeptExecutions
 from vastflow.oracles.replay.recorded import RecordedRun
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
@@ -147,7 +147,7 @@ def kept(monkeypatch: pytest.MonkeyPatch):
     asked = {}
     monkeypatch.setattr(run_page, "Pool", lambda workers: SlowPool(asked, workers))
     monkeypatch.setattr(run_page, "LOOK_S", 0.01)
-    return KeptLayers(), asked
+    return KeptExecutions(), asked
 
 
 async def stays():
@@ -167,13 +167,13 @@ def test_kept_layers_execute_a_run_once(kept, tmp_path: Path):
     layers, executed = kept
 
     async def asked():
-        first, again = [await layers.layers((tmp_path, "a", 0), stays) for _ in range(2)]
+        first, again = [await layers.result((tmp_path, "a", 0), stays) for _ in range(2)]
         assert (first, list(executed)) == (again, [("a", 0)])
         for run in range(1, 10):
-            await layers.layers((tmp_path, "a", run), stays)
+            await layers.result((tmp_path, "a", run), stays)
         executed.clear()
-        await layers.layers((tmp_path, "a", 9), stays)
-        await layers.layers((tmp_path, "a", 0), stays)  # which was forgotten
+        await layers.result((tmp_path, "a", 9), stays)
+        await layers.result((tmp_path, "a", 0), stays)  # which was forgotten
         assert list(executed) == [("a", 0)]
 
     asyncio.run(asked())
@@ -186,7 +186,7 @@ def test_kept_layers_ask_again_after_an_error(kept, tmp_path: Path):
         for _ in range(2):
             executed.clear()
             with pytest.raises(WorkerDied, match="the worker process died 3 times"):
-                await layers.layers((tmp_path, "broken", 0), stays)
+                await layers.result((tmp_path, "broken", 0), stays)
             assert list(executed) == [("broken", 0)]
 
     asyncio.run(asked())
@@ -196,7 +196,7 @@ def test_server_executes_two_runs_at_once_and_forgets_no_waiting_run(kept, tmp_p
     layers, executed = kept
 
     async def asked():
-        waiting = [asyncio.create_task(layers.layers((tmp_path, "slow", run), stays)) for run in range(20)]
+        waiting = [asyncio.create_task(layers.result((tmp_path, "slow", run), stays)) for run in range(20)]
         await turns()
         for run in range(20):
             await turns()
@@ -212,13 +212,13 @@ def test_300_clients_that_left_delay_nobody(kept, tmp_path: Path):
     layers, executed = kept
 
     async def asked():
-        waiting = [asyncio.create_task(layers.layers((tmp_path, "slow", run), leaves)) for run in range(300)]
+        waiting = [asyncio.create_task(layers.result((tmp_path, "slow", run), leaves)) for run in range(300)]
         await asyncio.wait(waiting, timeout=60)
         assert {type(each.exception()) for each in waiting} == {HTTPException}
         await turns()
         # Ends of clients are looked for from time to time, so that more than the first two may have had a turn.
         assert list(executed)[:2] == [("slow", 0), ("slow", 1)] and len(executed) < 30
-        assert len(await asyncio.wait_for(layers.layers((tmp_path, "a", 0), stays), 60)) > 0
+        assert len(await asyncio.wait_for(layers.result((tmp_path, "a", 0), stays), 60)) > 0
 
     asyncio.run(asked())
     for pool in {pool for (configuration, _), (pool, _) in executed.items() if configuration == "slow"}:
@@ -232,8 +232,8 @@ def test_execution_goes_on_while_one_of_its_clients_waits(kept, tmp_path: Path):
     layers, executed = kept
 
     async def asked():
-        left = asyncio.create_task(layers.layers((tmp_path, "slow", 0), leaves))
-        stayed = asyncio.create_task(layers.layers((tmp_path, "slow", 0), stays))
+        left = asyncio.create_task(layers.result((tmp_path, "slow", 0), leaves))
+        stayed = asyncio.create_task(layers.result((tmp_path, "slow", 0), stays))
         await asyncio.wait({left}, timeout=60)
         executed["slow", 0][1].set_result(b"whole")
         assert (await stayed, type(left.exception())) == (b"whole", HTTPException)
