@@ -12,10 +12,10 @@ from typing import Annotated, Any, Final, TypeAlias
 
 from pydantic import Field
 
-from vastflow.deployments.assistant.children import answer_as_child, ask
 from vastflow.deployments.explorer.directories import CampaignDirectory, directory_at
 from vastflow.sim.model.faults import FileError, UserError
 from vastflow.sim.model.files import copy_file, files_below, read_bytes, read_json, yaml_value
+from vastflow.tasks.engine.child import Child, NoAnswer
 from vastflow.tasks.engine.process import own_environment, python_command
 
 WALL_S: Final = 90.0
@@ -107,7 +107,11 @@ class Drafts:
 
     def _planned(self, file: Path, runs: int) -> dict[str, Any]:
         question = {"file": str(file), "runs": runs, "permitted": self._results is not None}
-        found: dict[str, Any] = ask(__name__, question, WALL_S, own_environment(), "The plan")
+        with Child(f"{__name__}:plan", memory_bytes=MEMORY_BYTES) as child:
+            try:
+                found: dict[str, Any] = child.ask(question, WALL_S)
+            except NoAnswer as error:
+                raise UserError(f"plan: {error}. Ask for less.") from None
         found["cut"] = []
         for name in ("faults", "notes"):
             # The file lies in a folder of a moment.
@@ -160,7 +164,8 @@ def _is_within(name: str, folder: Path, roots: list[Path]) -> bool:
     return False
 
 
-def _answer(question: Mapping[str, Any]) -> dict[str, Any]:
+def plan(question: Mapping[str, Any]) -> dict[str, Any]:
+    """Plan a campaign file in the process of its own."""
     from vastflow.flows.plan.plan import plan_of
     from vastflow.flows.plan.text import plan_json
     from vastflow.flows.request.campaign_file import read_campaign
@@ -185,7 +190,3 @@ def _answer(question: Mapping[str, Any]) -> dict[str, Any]:
             "families": {name: dict(zip(COUNTS, counts(part), strict=True)) for name, part in parts(found.coverage)},
             "power": [each["text"] for each in told["power"]],
         }
-
-
-if __name__ == "__main__":
-    answer_as_child(_answer, MEMORY_BYTES, writes=True)

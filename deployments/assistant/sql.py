@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from vastflow.deployments.assistant.children import answer_as_child, ask
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import is_inside
+from vastflow.tasks.engine.child import Child, NoAnswer
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyConnection
@@ -73,7 +73,12 @@ def answer_sql(campaigns: Mapping[str, Path], sql: str, limit: int, offset: int)
     question = {"sql": sql, "views": [*_views(chosen)], "files": files, "limit": limit, "offset": offset}
     # DuckDB's threads would reserve most of the address space, each an arena of its own.
     environment = {"LC_ALL": "C.UTF-8", "MALLOC_ARENA_MAX": "1"}
-    found: dict[str, Any] = ask(__name__, question, WALL_S, environment, "The query")
+    answer = f"{__name__}:answer"
+    with Child(answer, memory_bytes=MEMORY_BYTES, file_bytes=0, environment=environment) as child:
+        try:
+            found: dict[str, Any] = child.ask(question, WALL_S)
+        except NoAnswer as error:
+            raise UserError(f"query: {error}. Ask for less.") from None
     if len(chosen) < len(campaigns):
         found["cut"].append(f"the newest {len(chosen)} of {len(campaigns):,} campaigns were read: name one")
     return found
@@ -95,7 +100,8 @@ def _text(value: object) -> str:
     return "'" + str(value).replace("'", "''") + "'"
 
 
-def _answer(question: dict[str, Any]) -> dict[str, Any]:
+def answer(question: dict[str, Any]) -> dict[str, Any]:
+    """Answer one SELECT in the process of its own."""
     import duckdb
 
     connection = duckdb.connect(":memory:", config={"threads": 1})
@@ -181,7 +187,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(each) for each in value[:MOST_TEXT]]
     return {str(key): _plain(each) for key, each in value.items()} if isinstance(value, dict) else str(value)
-
-
-if __name__ == "__main__":
-    answer_as_child(_answer, MEMORY_BYTES)

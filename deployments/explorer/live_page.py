@@ -2,8 +2,6 @@
 
 import asyncio
 import json
-import os
-import subprocess
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -28,7 +26,8 @@ from vastflow.flows.results.trust import running_as
 from vastflow.oracles.results.events import LAST, Event, EventReader, gone_event
 from vastflow.oracles.results.unfinished import ask_to_stop, final_of, place_of
 from vastflow.oracles.results.unusable import DAMAGE, UnusableDirectory
-from vastflow.tasks.engine.process import own_environment, python_command
+from vastflow.sim.model.faults import UserError
+from vastflow.tasks.engine.child import Child
 
 EVERY_S: Final = 0.5
 HEARTBEAT_S: Final = 15.0
@@ -95,22 +94,12 @@ def _fetch(folder: Path, campaign: CampaignDirectory, configuration: str, run_in
         raise UnusableDirectory(
             f"{campaign.name}: its runs are shown when it has finished. Campaigns that you began on this machine are shown before."
         ) from None
-    command = python_command("vastflow.flows.run.stored", request.model_dump_json(), configuration, str(run_index + 1))
-    try:
-        done = subprocess.run(
-            command,
-            cwd=os.sep,
-            env=own_environment(),
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE_S,
-            check=False,
-        )
-        wrong = (done.stderr.strip().splitlines() or ["no reason given"])[-1] if done.returncode else ""
-    except (OSError, subprocess.TimeoutExpired) as error:
-        wrong = str(error)
-    if wrong:
-        raise UnusableDirectory(f"{configuration}, run {run_index}, can't be had from the store: {wrong}")
+    asked_for = {"request": request.model_dump(mode="json"), "configuration": configuration, "runs": run_index + 1}
+    with Child("vastflow.flows.run.stored:answer") as child:
+        try:
+            child.ask(asked_for, PATIENCE_S)
+        except UserError as error:
+            raise UnusableDirectory(f"{configuration}, run {run_index}, can't be had from the store: {error}") from None
     return directory_at(next(place.glob(_WHOLE)))
 
 

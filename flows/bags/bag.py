@@ -2,16 +2,20 @@
 
 import importlib.util
 import pickle
-import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.model.faults import UserError
-from vastflow.tasks.engine.process import own_environment, python_command
+from vastflow.tasks.engine.child import Child
+
+MOST_BYTES: Final = 16 << 30
+MOST_MEMORY_BYTES: Final = 6 << 30
+MOST_S: Final = 1800.0
 
 
 class BagError(UserError):
@@ -92,10 +96,11 @@ def read_bag(path: Path, namespace: str = "", *, scans: bool = False) -> Bag:
         raise UserError("rosbags is missing. Call pip install 'vastflow[ros]'.")
     if not path.exists():
         raise BagError(f"{path}: expected a bag, got no such file or folder")
-    command = python_command("vastflow.flows.bags.reading", str(path), namespace, "1" * scans)
-    child = subprocess.run(command, env=own_environment(), capture_output=True, check=False)
-    if child.returncode == 0:
-        bag: Bag = pickle.loads(child.stdout)  # of our own process, made of numbers and names
-        return bag
-    said = child.stderr.decode(errors="replace").strip().splitlines()[-1:] if child.returncode == 2 else []
-    raise BagError(f"{path}: {''.join(said) or f'expected a bag, got one whose reading ended with {child.returncode}'}")
+    request = {"path": str(path.absolute()), "namespace": namespace, "scans": scans}
+    reader = "vastflow.flows.bags.reading:answer"
+    with Child(reader, memory_bytes=MOST_MEMORY_BYTES, file_bytes=MOST_BYTES) as child:
+        try:
+            bag: Bag = pickle.loads(child.ask(request, MOST_S))  # of our own process, made of numbers and names
+        except UserError as error:
+            raise BagError(f"{path}: {error}") from None
+    return bag

@@ -3,8 +3,6 @@
 import math
 import pickle
 import re
-import resource
-import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -13,12 +11,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.flows.bags.bag import Bag, Messages, ScanShape
+from vastflow.flows.bags.bag import MOST_BYTES, Bag, Messages, ScanShape
 from vastflow.flows.export.mcap.topics import typestore
+from vastflow.sim.model.faults import UserError
 
-MOST_BYTES: Final = 16 << 30
-MOST_MEMORY_BYTES: Final = 6 << 30
-MOST_CPU_S: Final = 900
 MOST_MESSAGES: Final = 3_000_000
 MOST_BEAMS: Final = 4096
 MOST_SCANS: Final = 40_000
@@ -226,25 +222,11 @@ def _is_place(values: Sequence[float]) -> bool:
     return all(abs(value) <= MOST_METERS for value in values)
 
 
-def _main(path: str, namespace: str, scans: str) -> int:
-    """Write the pickled bag to the standard output, or why it can't be read to the standard error."""
-    for limit, most in (
-        (resource.RLIMIT_AS, MOST_MEMORY_BYTES),
-        (resource.RLIMIT_CPU, MOST_CPU_S),
-        (resource.RLIMIT_FSIZE, MOST_BYTES),  # of a file that is unpacked
-    ):
-        resource.setrlimit(limit, (most, most))
+def answer(request: Mapping[str, Any]) -> bytes:
+    """Return the pickled bag; raises `UserError` with the reason that it can't be read."""
     try:
-        content = pickle.dumps(read(Path(path), namespace, bool(scans)))
+        return pickle.dumps(read(Path(request["path"]), request["namespace"], request["scans"]))
     except MemoryError:
-        print(f"expected a bag that takes at most {MOST_MEMORY_BYTES >> 30} GiB to read, got more", file=sys.stderr)
-        return 2
+        raise
     except Exception as error:  # noqa: BLE001 - whatever a stranger's bytes make a reader raise
-        print(f"can't be read: {' '.join(str(error).split())[:300] or type(error).__name__}", file=sys.stderr)
-        return 2
-    sys.stdout.buffer.write(content)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(_main(*sys.argv[1:]))
+        raise UserError(f"can't be read: {' '.join(str(error).split())[:300] or type(error).__name__}") from None

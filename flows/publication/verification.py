@@ -2,9 +2,7 @@
 
 import json
 import random
-import subprocess
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -17,14 +15,17 @@ from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.evidence.headline import percent_text
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.unusable import reading
+from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import Unreadable, json_value
-from vastflow.tasks.engine.process import own_environment, python_command
+from vastflow.tasks.engine.child import Child
 from vastflow.tasks.store.artifact import FileEntry
 
 FILES: Final = f"{PAYLOAD}{CAMPAIGN}"
 LEVEL: Final = 0.95
 MOST_SILENT_S: Final = 1800.0
 """Most seconds for one run, the compilation of kernels with it."""
+_MOST_BYTES: Final = 16 * 2**30
+"""Address space of the process that executes; the simulator takes 2 GiB of it."""
 _UNNEEDED: Final = ("figures/", "traces/", "logs/", "outputs/", "postprocessing/")
 """Folders that no execution reads."""
 
@@ -177,57 +178,20 @@ class ExecutedRun:
     words: str
 
 
-def execute_again(
-    directory: Path, runs: Sequence[tuple[str, int]], permitted: bool, most_silent_s: float = MOST_SILENT_S
-) -> Iterator[ExecutedRun]:
+def execute_again(directory: Path, runs: Sequence[tuple[str, int]], permitted: bool) -> Iterator[ExecutedRun]:
     """Execute runs again in a process of its own, and yield each once it is compared.
 
     Args:
         permitted: Whether the user permitted the code of the directory; without it none is executed.
-        most_silent_s: The process is killed where one run takes longer.
     """
-    module = "vastflow.flows.publication.execution"
-    command = python_command(module, str(directory), "permitted" if permitted else "none")
-    with subprocess.Popen(
-        command, env=own_environment(), cwd=directory, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdin is not None and process.stdout is not None
-        try:
-            for configuration, run_index in runs:
-                with _Limit(process.kill, most_silent_s):
-                    answer = _ask(process, json.dumps([configuration, run_index]))
-                if answer is None:
-                    words = f"its process ended, or took longer than {most_silent_s:.0f} s"
-                    yield ExecutedRun(configuration, run_index, "unusable", words)
-                    return
-                yield ExecutedRun(configuration, run_index, *answer)
-        finally:
-            process.kill()
-
-
-def _ask(process: "subprocess.Popen[str]", line: str) -> tuple[str, str] | None:
-    assert process.stdin is not None and process.stdout is not None
-    try:
-        process.stdin.write(f"{line}\n")
-        process.stdin.flush()
-        outcome, words = json.loads(process.stdout.readline(100_000))
-    except (OSError, ValueError):
-        return None
-    return str(outcome), str(words)
-
-
-class _Limit:
-    """Calls `kill` where the body takes longer."""
-
-    def __init__(self, kill: Callable[[], None], most_s: float) -> None:
-        self._timer = threading.Timer(most_s, kill)
-        self._timer.daemon = True
-
-    def __enter__(self) -> None:
-        self._timer.start()
-
-    def __exit__(self, *_: object) -> None:
-        self._timer.cancel()
+    with Child("vastflow.flows.publication.execution:answer", folder=directory, memory_bytes=_MOST_BYTES) as child:
+        for configuration, run_index in runs:
+            about = {"configuration": configuration, "run_index": run_index, "permitted": permitted}
+            try:
+                outcome, words = child.ask({"directory": str(directory), **about}, MOST_SILENT_S)
+            except UserError as error:
+                outcome, words = "unusable", str(error).replace(f"{directory}: ", "")
+            yield ExecutedRun(configuration, run_index, str(outcome), str(words))
 
 
 def shown_text(population: Population, executed: Sequence[ExecutedRun]) -> str:

@@ -11,18 +11,20 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from vastflow.flows.results.current_report import source_digest
-from vastflow.flows.run.step_process import end_text, run_process
 from vastflow.producers.campaign_file.visualization import Level, missing_library
 from vastflow.sim.model.digest import digest
+from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import read_bytes, read_text
-from vastflow.tasks.engine.process import python_command
+from vastflow.tasks.engine.child import Child
 from vastflow.tasks.store.store import Lost, Store
 
 LIMIT_S: Final = 600.0
 """Time for one cell."""
 SHIPPED: Final = Path(__file__).parent / "notebooks"
 """The notebooks that come with vastflow, one for each level."""
-_STARTS_S: Final = 60.0
+_MOST_S: Final = 3600.0
+"""Time for one notebook."""
+_EXECUTION: Final = "vastflow.flows.run.notebook_execution"
 _CONTENT: Final = "notebook.ipynb"
 _READ: Final = ("ipykernel", "matplotlib", "nbclient", "numpy", "pandas", "pyarrow", "robovast", "scipy")
 """Libraries whose versions a notebook's outputs may follow from."""
@@ -73,14 +75,14 @@ def execute_books(books: Sequence[Book]) -> list[str]:
     """Write `.ipynb` and `.html` of each; return what went wrong with each in a sentence, empty if nothing did."""
     if name := missing_library():
         return [f"{name} is missing. Call pip install 'vastflow[notebook]'"] * len(books)
-    with TemporaryDirectory(prefix="vastflow-") as aside:
-        answer = Path(aside) / "answer.jsonl"
-        request = json.dumps({"answer": str(answer), "limit_s": LIMIT_S, "books": [asdict(each) for each in books]})
-        command = python_command("vastflow.flows.run.notebook_execution")
-        code, said = run_process(command, Path(aside), request, len(books) * (LIMIT_S + _STARTS_S))
-        answers = [json.loads(line) for line in read_text(answer).splitlines()] if answer.is_file() else []
-    lost = len(books) - len(answers)
-    return [*map(str, answers), *[f"its process {end_text(code, ' without an answer', said)}"] * lost]
+    said = []
+    with TemporaryDirectory(prefix="vastflow-") as aside, Child(f"{_EXECUTION}:execute", folder=aside) as child:
+        for each in books:
+            try:
+                said.append(str(child.ask({**asdict(each), "limit_s": LIMIT_S}, _MOST_S)))
+            except UserError as error:
+                said.append(str(error))
+    return said
 
 
 def execute_kept(books: Sequence[Book], results: str, store: Store) -> list[str]:

@@ -1,11 +1,6 @@
-"""Execute notebooks in this process's children, and write them with their pages.
-
-On standard input it gets the books as JSON; for each, a line in the file `answer` says what went wrong, empty if nothing did.
-"""
+"""Execute notebooks in this process's children, and write them with their pages."""
 
 import html
-import json
-import sys
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,7 +26,7 @@ _ARGUMENTS: Final = ["--InteractiveShellApp.ignore_cwd=True"]
 """A folder of results decides no more than its data: nothing is imported from it."""
 
 
-def execute(book: dict[str, Any], limit_s: float) -> str:
+def execute(book: dict[str, Any]) -> str:
     """Execute one notebook, write it and its page, and return what went wrong in a sentence."""
     import nbformat
     from nbclient import NotebookClient
@@ -45,7 +40,7 @@ def execute(book: dict[str, Any], limit_s: float) -> str:
     if book["is_executed"]:
         there = {"metadata": {"path": book["folder"]}}
         client = NotebookClient(
-            notebook, timeout=limit_s, kernel_name="python3", resources=there, extra_arguments=_ARGUMENTS
+            notebook, timeout=book["limit_s"], kernel_name="python3", resources=there, extra_arguments=_ARGUMENTS
         )
         try:
             with safe_path():
@@ -53,7 +48,7 @@ def execute(book: dict[str, Any], limit_s: float) -> str:
         except CellExecutionError as error:
             wrong = f"{error.ename}: {' '.join(str(error.evalue).split())[:300]}"
         except CellTimeoutError:
-            wrong = f"expected an end within {limit_s:g} s, got none"
+            wrong = f"expected an end within {book['limit_s']:g} s, got none"
         except DeadKernelError:
             wrong = "its kernel ended"
         if wrong:
@@ -73,20 +68,3 @@ def execute(book: dict[str, Any], limit_s: float) -> str:
 
 def _times(cell: Any) -> Any:
     return cell.metadata.get("execution", {})
-
-
-def main() -> None:
-    """Answer the request on standard input."""
-    request = json.load(sys.stdin)
-    with Path(request["answer"]).open("a", encoding="utf-8") as answers:
-        for book in request["books"]:
-            try:
-                wrong = execute(book, request["limit_s"])
-            except Exception as error:  # noqa: BLE001 - a user's notebook, in whatever shape
-                wrong = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
-            answers.write(json.dumps(wrong) + "\n")
-            answers.flush()
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,5 @@
 """Run a campaign file's postprocessing steps over a copy of the results, and keep their files."""
 
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -14,16 +13,15 @@ from vastflow.flows.results.results import write_json
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.notebook import Book, execute_kept
 from vastflow.flows.run.postprocessing_step import Request
-from vastflow.flows.run.step_process import end_text, run_process
 from vastflow.oracles.page.call import link_pages
 from vastflow.oracles.results.schema import table_rows
 from vastflow.producers.campaign_file.postprocessing import CONFIG, ProcessingStep
 from vastflow.producers.campaign_file.visualization import Level, VisualizationStep
 from vastflow.sim.model.digest import digest, file_digest
-from vastflow.sim.model.faults import message_of
+from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.model.files import copy_file, read_json, read_text
+from vastflow.tasks.engine.child import Child
 from vastflow.tasks.engine.engine import RunFault
-from vastflow.tasks.engine.process import python_command
 from vastflow.tasks.store.store import Store
 
 FOLDER: Final = "postprocessing"
@@ -185,24 +183,21 @@ class _Copy:
 def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
     config = copy / SHARED
     file = config / step.file
-    with TemporaryDirectory(prefix="vastflow-") as aside:
-        if step.kind == "command":
-            if not file.is_file():  # one that the campaign file names from elsewhere
-                file = Path(step.file)
-            else:
-                file.chmod(0o755)
-            arguments = [str(each) for each in step.parameters.get("args") or ()]
-            arguments = [
-                f"{config}/{each.removeprefix(CONFIG)}" if each.startswith(CONFIG) else each for each in arguments
-            ]
-            code, said = run_process([str(file), *arguments, str(copy)], copy, "")
-            return code == 0, said if code == 0 else end_text(code, "", said)
-        answer = Path(aside) / "answer.json"
+    if step.kind == "command":
+        if not file.is_file():  # one that the campaign file names from elsewhere
+            file = Path(step.file)
+        else:
+            file.chmod(0o755)
+        words = [str(each) for each in step.parameters.get("args") or ()]
+        words = [f"{config}/{each.removeprefix(CONFIG)}" if each.startswith(CONFIG) else each for each in words]
+        function, request = "run_command", {"command": [str(file), *words, str(copy)]}
+    else:
         class_name = step.name.rpartition(":")[2]
-        request = Request(str(file), class_name, dict(step.parameters), str(copy), str(config), str(answer))
-        command = python_command("vastflow.flows.run.postprocessing_step")
-        code, said = run_process(command, copy, json.dumps(asdict(request)))
-        if not answer.is_file():
-            return False, f"its process {end_text(code, ' without an answer', said)}"
-        done, message = json.loads(answer.read_text(encoding="utf-8"))
-        return bool(done), str(message)
+        request = asdict(Request(str(file), class_name, dict(step.parameters), str(copy), str(config)))
+        function = "call"
+    with Child(f"vastflow.flows.run.postprocessing_step:{function}", folder=copy) as child:
+        try:
+            done, message = child.ask(request)
+        except UserError as error:
+            return False, str(error)
+    return bool(done), str(message)

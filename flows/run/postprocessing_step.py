@@ -1,17 +1,18 @@
-"""Load and call one Python plug-in of postprocessing, in its own process and with RoboVAST's names.
-
-On standard input it gets a `Request` as JSON; what came of it goes to the file that this names.
-"""
+"""One step of postprocessing in its own process: a program, or a Python plug-in, which has RoboVAST's names."""
 
 import importlib.util
-import json
+import subprocess
 import sys
 import sysconfig
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryFile
 from types import ModuleType
 from typing import Any, Final
 from xml.etree import ElementTree as ET
+
+from vastflow.tasks.engine.child import end_text, last_words
 
 
 class BasePostprocessingPlugin:
@@ -77,7 +78,6 @@ class Request:
         file, class_name: The plug-in.
         results: Folder of the campaign, with a folder for each configuration and in it for each run.
         config: Folder with the campaign file and what it names.
-        answer: File for `[done, message]`.
     """
 
     file: str
@@ -85,11 +85,11 @@ class Request:
     parameters: dict[str, Any]
     results: str
     config: str
-    answer: str
 
 
-def called(request: Request) -> tuple[bool, str]:
-    """Run the plug-in; return its success and its message. Raises whatever its code raises."""
+def call(about: Mapping[str, Any]) -> tuple[bool, str]:
+    """Call the plug-in of a `Request`; return its success and its message. Raises whatever its code raises."""
+    request = Request(**about)
     file = Path(request.file)
     installed = sysconfig.get_path("purelib")  # modules beside the plug-in come before these, and after Python's own
     first = sys.path.index(installed) if installed in sys.path else len(sys.path)
@@ -110,15 +110,13 @@ def called(request: Request) -> tuple[bool, str]:
     raise TypeError(f"expected (done, message), such as (True, 'wrote 3 files'), got {found!r:.80}")
 
 
-def main() -> None:
-    """Answer the request on standard input. A plug-in that ends the process leaves no answer."""
-    request = Request(**json.load(sys.stdin))
-    try:
-        answer = called(request)
-    except Exception as error:  # noqa: BLE001 - a user's code
-        answer = (False, f"{type(error).__name__}: {' '.join(str(error).split())}")
-    Path(request.answer).write_text(json.dumps(answer), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+def run_command(about: Mapping[str, Any]) -> tuple[bool, str]:
+    """Run a program; return its success, and the end of what it wrote or how it ended."""
+    command = about["command"]
+    with TemporaryFile() as log:
+        try:
+            done = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, check=False)
+        except OSError as error:
+            return False, f"{Path(command[0]).name} can't be started: {error.strerror or error}"
+        said = last_words(log)
+    return done.returncode == 0, said if done.returncode == 0 else end_text(done.returncode, "", said)

@@ -1,13 +1,12 @@
 """Stored runs: a campaign directory of one configuration's runs that the store has by now, with tables alone.
 
-    python -m vastflow.flows.run.stored REQUEST CONFIGURATION RUNS
-
-The request is JSON. Nothing is computed. A process of its own keeps a campaign's plug-ins out of the one that asks.
+Nothing is computed.
 """
 
-import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.configurations import narrowed
@@ -73,8 +72,6 @@ def _of_point(
     return None
 
 
-if __name__ == "__main__":
-    try:
-        write_stored(RunRequest.model_validate_json(sys.argv[1]), sys.argv[2], int(sys.argv[3]))
-    except UserError as error:
-        sys.exit(str(error))
+def answer(request: Mapping[str, Any]) -> None:
+    """Write stored runs in a child process, which keeps a campaign's plug-ins out of the one that asks."""
+    write_stored(RunRequest.model_validate(request["request"]), request["configuration"], request["runs"])

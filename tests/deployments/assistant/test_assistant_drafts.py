@@ -137,7 +137,7 @@ def test_plan_names_the_input_files_of_a_campaign(drafted, workspace, tmp_path):
 @pytest.mark.timeout(120)
 def test_plan_that_takes_too_long_is_ended(drafted, workspace, monkeypatch):
     monkeypatch.setattr(module, "WALL_S", 0.05)
-    with pytest.raises(UserError, match=r"The plan takes more than 0\.05 s\. Ask for less\."):
+    with pytest.raises(UserError, match=r"plan: its process took more than 0\.05 s\. Ask for less\."):
         drafted().plan_campaign(CAMPAIGN.format(map=map_in(workspace)))
 
 

@@ -163,7 +163,7 @@ def test_settings_and_files_are_out_of_reach_without_the_check(campaigns, monkey
         "SET threads=2",
     ):
         with pytest.raises(UserError, match=r"disabled|locked|not allowed|Permission|lock"):
-            sql._answer({**question, "sql": text})
+            sql.answer({**question, "sql": text})
 
 
 def test_sql_tables_equal_parquet_files(campaigns):
