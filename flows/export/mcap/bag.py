@@ -2,9 +2,11 @@
 
 import tempfile
 from collections.abc import Collection, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import yaml
 
 from vastflow.flows.export.mcap.topics import TOPICS, offered, typestore
@@ -21,18 +23,50 @@ class Bag:
         self._without = without
         self._messages: list[tuple[int, int, int, str, bytes]] = []
         self._store = typestore()
+        self._fields = cache(self._fields_of)
 
-    def make(self, kind: str, **values: Any) -> Any:
-        """Return a message of a type such as `nav_msgs/Path`, given all of its fields."""
-        package, _, name = kind.partition("/")
-        return self._store.types[f"{package}/msg/{name}"](**values)
+    def add(self, topic: str, t_ns: int, **values: Any) -> None:
+        """Add a message at a time of the run.
 
-    def add(self, topic: str, t_ns: int, message: Any) -> None:
-        """Add a message at a time of the run."""
+        Args:
+            values: Its fields, messages within them as mappings; a field without a value is zero or empty.
+        """
         if topic in self._without:
             return
-        content = bytes(self._store.serialize_cdr(message, TOPICS[topic].kind))
+        kind = TOPICS[topic].kind
+        content = bytes(self._store.serialize_cdr(self._message(kind, values), kind))
         self._messages.append((t_ns, _RANK[topic], len(self._messages), topic, content))
+
+    def _message(self, kind: str, values: Mapping[str, Any]) -> Any:
+        made = []
+        for name, inner, nothing in self._fields(kind):
+            given = values.get(name)
+            if given is None:
+                made.append(nothing)
+            elif inner is None:
+                made.append(given)
+            elif isinstance(given, dict):
+                made.append(self._message(inner, given))
+            else:
+                made.append([self._message(inner, each) for each in given])
+        return self._store.types[kind](*made)
+
+    def _fields_of(self, kind: str) -> list[tuple[str, str | None, Any]]:
+        """Return name, type of the messages within, and empty value of each field."""
+        from rosbags.interfaces import Nodetype
+
+        fields: list[tuple[str, str | None, Any]] = []
+        definitions: Any = self._store.fielddefs[kind][1]
+        for name, (node, inner) in definitions:
+            if node == Nodetype.NAME:
+                fields.append((name, inner, self._message(inner, {})))
+            elif node == Nodetype.BASE:
+                fields.append((name, None, "" if inner[0] == "string" else 0))
+            elif inner[0][0] == Nodetype.NAME:
+                fields.append((name, inner[0][1], []))
+            else:
+                fields.append((name, None, np.zeros(inner[1], dtype=inner[0][1][0])))
+        return fields
 
     def files(self, about: Mapping[str, str]) -> dict[str, bytes]:
         """Return the directory's files by name.

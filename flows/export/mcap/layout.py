@@ -38,40 +38,11 @@ _DRAWN: Final[dict[str, dict[str, Any]]] = {
 
 def layout() -> bytes:
     """Return the layout, for Foxglove's "Import from file"."""
-    view: dict[str, Any] = {
-        "followMode": "follow-none",
-        "followTf": MAP,
-        "cameraState": {
-            "distance": 20,
-            "perspective": False,
-            "phi": 0,
-            "thetaOffset": 0,
-            "fovy": 45,
-            "near": 0.5,
-            "far": 5000,
-            "target": [0, 0, 0],
-            "targetOffset": [0, 0, 0],
-            "targetOrientation": [0, 0, 0, 1],
-        },
-        "scene": {},
-        "transforms": {},
-        "topics": _DRAWN,
-        "layers": {},
-    }
-    plots = {
-        name: {
-            "paths": [{"value": path, "enabled": True, "timestampMethod": "receiveTime"} for path in paths],
-            "xAxisVal": "timestamp",
-            "showLegend": True,
-            "isSynced": True,
-        }
-        for name, paths in _PLOTS.items()
-    }
-    states = {
-        "paths": [{"value": "/behavior_tree_log.event_log[:].current_status", "timestampMethod": "receiveTime"}],
-        "isSynced": True,
-    }
-    panels = {"3D!nav": view, **plots, "StateTransitions!bt": states, "Log!log": {"searchTerms": [], "minLogLevel": 1}}
+    camera = {"distance": 20, "perspective": False, "phi": 0, "thetaOffset": 0}
+    view = {"followMode": "follow-none", "followTf": MAP, "cameraState": camera, "topics": _DRAWN}
+    plots = {name: {"paths": [_path(each) for each in paths]} for name, paths in _PLOTS.items()}
+    states = {"paths": [_path("/behavior_tree_log.event_log[:].current_status")]}
+    panels = {"3D!nav": view, **plots, "StateTransitions!bt": states, "Log!log": {}}
     right = _stacked("Plot!speed", _stacked("Plot!place", _stacked("StateTransitions!bt", "Log!log")))
     whole = {
         "configById": panels,
@@ -81,6 +52,10 @@ def layout() -> bytes:
         "layout": {"direction": "row", "first": "3D!nav", "second": right, "splitPercentage": 62},
     }
     return f"{json.dumps(whole, indent=1)}\n".encode()
+
+
+def _path(value: str) -> dict[str, Any]:
+    return {"value": value, "enabled": True, "timestampMethod": "receiveTime"}
 
 
 def _stacked(first: str, second: Any) -> dict[str, Any]:
