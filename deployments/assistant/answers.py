@@ -17,7 +17,6 @@ from vastflow.oracles.query.selection import Column, ValuesOf, mask_of
 from vastflow.oracles.results.tables import FAIL, Tables, read_tables
 from vastflow.oracles.results.unusable import DAMAGE, UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.model.files import is_inside, read_bytes
 from vastflow.sim.model.names import did_you_mean
 
 if TYPE_CHECKING:
@@ -29,7 +28,6 @@ MOST_LEVELS: Final = 12
 MOST_PATHS: Final = 100
 """Runs in a picture."""
 _KEPT: Final = 2
-_MOST_PICTURE_BYTES: Final = 1 << 23
 _COUNTS: Final = ("configurations", "rejected", "passed", "failed", "not_judged", "runs_done", "runs_total")
 _CAMPAIGN: Final = "Id from `campaigns`; empty if one campaign is served."
 _HOW: Final = (
@@ -153,23 +151,32 @@ class Answers:
         evidence = evidence_of(found)
         judged = evidence[_known("oracle", oracle, evidence) if oracle else None]
         whole = judged.campaign
-        groups: list[tuple[dict[str, Any], Group]]
+        groups: Mapping[Any, Group]
         if by == "family":
-            groups = [({by: name}, each) for name, each in judged.families.items()]
+            groups = judged.families
         elif by == "oracle":
-            groups = [({by: name}, evidence[name].campaign) for name in found.oracles]
+            groups = {name: evidence[name].campaign for name in found.oracles}
         elif by == "configuration":
-            groups = [({by: name}, whole.of([name])) for name in whole.by_name]
+            groups = {name: whole.of([name]) for name in whole.by_name}
         else:
-            levels = _levels(found)
-            _known("by", by, {"family": 0, "configuration": 0, "oracle": 0, **{name: 0 for name, *_ in levels}})
-            groups = [({"families": f, by: v}, whole.of(names)) for name, f, v, names in levels if name == by]
-        rows = [{**names, **_rate(each)} for names, each in groups[offset : offset + limit]]
+            groups = {value: whole.of(names) for value, names in self._levels(campaign, by, whole).items()}
+        rows = [{by: name, **_rate(each)} for name, each in [*groups.items()][offset : offset + limit]]
         for row in rows if by == "configuration" else ():  # of one, the report has the share of its runs
             mean = whole.means[row[by]]
             row |= {"rate": mean and mean[0], "interval": mean and [mean[1].low, mean[1].high]}
         page = _page("rates", rows, len(groups), offset, f"failures(campaign={self.directory(campaign).id!r})")
         return {"headline": whole.headline.text, "whole": _rate(whole), **page, "how": _HOW}
+
+    def _levels(self, campaign: str, factor: str, whole: "Group") -> dict[float | str | None, list[str]]:
+        """Return the configurations of each value of a factor, or of a path's property."""
+        table = self._opened.of(self.directory(campaign).id).table
+        factors = [name for name, each in table.columns.items() if each.group in ("factor", "path")]
+        _known("by", factor, ["family", "configuration", "oracle", *factors])
+        levels: dict[float | str | None, list[str]] = {}
+        for k, name in enumerate(table.configurations):
+            if name in whole.by_name and (rows := table.rows_of(k)):
+                levels.setdefault(table.value(factor, rows[0]), []).append(name)
+        return levels
 
     def failures(
         self, campaign: Campaign = "", configuration: Configuration = "", limit: Limit = 20, offset: Offset = 0
@@ -234,19 +241,16 @@ class Answers:
 
     def draw_map(
         self,
-        configuration: Annotated[str, Field(description="Name; empty: the report's picture of all failed runs.")] = "",
+        configuration: Annotated[str, Field(description="Name of a configuration.")],
         run_index: Annotated[tuple[int, ...], Field(max_length=MOST, description="Runs to draw; empty: all.")] = (),
         campaign: Campaign = "",
     ) -> tuple[bytes, str]:
         """Draw runs of a configuration on its map, as PNG."""
-        directory = self.directory(campaign)
-        if not configuration:
-            return _reported(directory)
         from vastflow.flows.analysis.comparison_pictures import driven_case
         from vastflow.oracles.figures.case_figure import case_figure
         from vastflow.oracles.figures.style import png
 
-        found = self._tables(directory.id)
+        found = self._tables(campaign)
         table, verdicts = found.configurations, found.verdicts
         name = table.duplicates.get(_known("configuration", configuration, table.names), configuration)
         own = verdicts.rows_of(table.names.index(name))
@@ -315,33 +319,6 @@ def _column(column: Column) -> dict[str, Any]:
         return {**told, "levels": len(column.levels), "some": [each[:80] for each in column.levels[:MOST_LEVELS]]}
     known = column.values[~column.missing]
     return {**told, "range": [float(f"{end:.6g}") for end in (known.min(), known.max())]} if len(known) else told
-
-
-def _levels(found: Tables) -> list[tuple[str, list[str], str, list[str]]]:
-    """Factor, families, level, and names of configurations, in the designs that the report compares."""
-    from vastflow.oracles.evidence.findings import by_varying_keys
-    from vastflow.oracles.evidence.varied import chosen_rows
-    from vastflow.oracles.results.executed import environment_names
-    from vastflow.oracles.results.factors import factors_of
-
-    table, rows = found.configurations, []
-    maps = environment_names(found.directory, table.environments)
-    for places in by_varying_keys(table).values():
-        at = table.distinct[places]
-        families = [*dict.fromkeys(table.families[each] for each in at)]
-        for factor in factors_of(chosen_rows(table, at, maps))[0]:
-            of = [[table.names[each] for each in at[factor.codes == k]] for k in range(len(factor.levels))]
-            rows += [(factor.name, families, *each) for each in zip(factor.levels, of, strict=True)]
-    return rows
-
-
-def _reported(directory: CampaignDirectory) -> tuple[bytes, str]:
-    files = sorted((directory.path / "figures").glob("failed-*.png"))
-    if not files or not is_inside(files[0], directory.path):
-        raise UserError(f"{directory.id}: Its report has no picture of failed runs. Name a configuration.")
-    with reading(directory.id):
-        content = read_bytes(files[0], most_bytes=_MOST_PICTURE_BYTES)
-    return content, f"{files[0].name}, the first of {len(files)} maps with failed runs in the report."
 
 
 def _page(name: str, rows: list[Any], total: int, offset: int, step: str) -> dict[str, Any]:

@@ -12,16 +12,15 @@ from typing import Annotated, Any, Final, TypeAlias
 
 from pydantic import Field
 
-from vastflow.deployments.explorer.directories import CampaignDirectory, directory_at
+from vastflow.deployments.explorer.directories import CampaignDirectory
 from vastflow.sim.model.faults import FileError, UserError
-from vastflow.sim.model.files import copy_file, files_below, read_bytes, read_json, yaml_value
+from vastflow.sim.model.files import copy_file, files_below, yaml_value
 from vastflow.tasks.engine.child import Child, NoAnswer
 from vastflow.tasks.engine.process import own_environment, python_command
 
 WALL_S: Final = 90.0
 MEMORY_BYTES: Final = 8_000_000_000
 MOST_TEXT: Final = 200_000
-MOST_CONFIGURATIONS: Final = 200
 MOST_RUNS: Final = 2_000
 """Runs of a campaign that an assistant starts, of all configurations together."""
 _MOST_FAULTS: Final = 40
@@ -52,7 +51,7 @@ class Drafts:
     def __init__(self, find: Callable[[str], CampaignDirectory], workspace: Path | None, results: Path | None) -> None:
         self._find, self._workspace, self._results = find, workspace, results
         self._folder = TemporaryDirectory(prefix="vastflow-")
-        self._started: dict[str, tuple[subprocess.Popen[bytes], Path, float]] = {}
+        self._process: subprocess.Popen[bytes] | None = None
 
     def plan_campaign(self, text: Text, files_of: FilesOf = "", runs: Runs = 0) -> dict[str, Any]:
         """Validate and plan a campaign file without running it: faults with places, notes, number of configurations and runs."""
@@ -63,46 +62,28 @@ class Drafts:
         return {**found, "next_step": step if found["valid"] else "mend the faults, and call plan_campaign again"}
 
     def run_campaign(self, text: Text, files_of: FilesOf = "", runs: Runs = 0) -> dict[str, Any]:
-        """Run a campaign file in the background, if it is small; `run_status` tells its end."""
-        if running := [id for id, (process, *_) in self._started.items() if process.poll() is None]:
-            raise UserError(f"{running[0]} is still running. Call run_status(run={running[0]!r}).")
+        """Run a campaign file in the background, if it is small; `campaigns` shows its progress and its end."""
+        if self._process is not None and self._process.poll() is None:
+            raise UserError("expected the end of the campaign that is still running, which `campaigns` shows")
         file = self._laid_out(text, files_of)
         found = self._planned(file, runs)
         if not found["valid"]:
             raise UserError(f"text: {found['faults'][0]}")
-        sizes = found["configurations"], found["runs_in_all"]
-        if sizes[0] > MOST_CONFIGURATIONS or sizes[1] > MOST_RUNS:
-            most = f"at most {MOST_CONFIGURATIONS} configurations and {MOST_RUNS:,} runs"
-            raise UserError(f"text: expected {most}, got {sizes[0]:,} and {sizes[1]:,}")
-        words = ["run", str(file), "--results", str(self._results), "--json", *(["--runs", str(runs)] if runs else [])]
-        command, environment = python_command("vastflow.flows.cli", *words), own_environment()
-        with open(file.with_suffix(".out"), "wb") as out, open(file.with_suffix(".err"), "wb") as wrong:
-            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=wrong, env=environment)
-        self._started[id := f"run-{len(self._started) + 1}"] = process, file, time.monotonic()
+        if (most := found["runs_in_all"]) > MOST_RUNS:
+            raise UserError(f"text: expected at most {MOST_RUNS:,} runs of all configurations together, got {most:,}")
+        words = ["run", str(file), "--results", str(self._results), *(["--runs", str(runs)] if runs else [])]
+        command, nothing = python_command("vastflow.flows.cli", *words), subprocess.DEVNULL
+        self._process = subprocess.Popen(command, stdin=nothing, stdout=nothing, env=own_environment())
         told = {name: found[name] for name in ("configurations", "runs_in_all", "estimate_s")}
-        return {"run": id, **told, "next_step": f"run_status(run={id!r})"}
-
-    def run_status(self, run: Annotated[str, Field(description="Id from `run_campaign`.")]) -> dict[str, Any]:
-        """Tell whether a started campaign still runs; at its end the id of its results."""
-        if run not in self._started:
-            raise UserError(f"run: expected one of {', '.join(self._started) or 'none'}, got {run[:100]!r}")
-        process, file, began_s = self._started[run]
-        told: dict[str, Any] = {"run": run, "seconds": round(time.monotonic() - began_s)}
-        if process.poll() is None:
-            return {**told, "state": "running", "next_step": f"run_status(run={run!r}) later"}
-        with suppress(ValueError, KeyError):
-            id = directory_at(Path(read_json(file.with_suffix(".out"))["results"])).id
-            return {**told, "state": "finished", "campaign": id, "next_step": f"rates(campaign={id!r})"}
-        words = read_bytes(file.with_suffix(".err")).decode(errors="replace").split()
-        return {**told, "state": "failed", "problem": " ".join(words)[-500:], "next_step": "plan_campaign(…)"}
+        return {**told, "next_step": "campaigns(limit=1), which is this one once it has begun"}
 
     def close(self) -> None:
         """End what still runs; what it computed is in the store."""
-        for process, *_ in self._started.values():
-            process.terminate()
+        if self._process is not None:
+            self._process.terminate()
             with suppress(subprocess.TimeoutExpired):
-                process.wait(_END_S)
-            process.kill()
+                self._process.wait(_END_S)
+            self._process.kill()
         self._folder.cleanup()
 
     def _planned(self, file: Path, runs: int) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def server_of(answers: Answers, drafts: Drafts, *, allow_run: bool) -> Server:
     """Return the server of these answers; its drafts are run if the user allows it."""
     server = Server("vastflow", instructions=INSTRUCTIONS, log_level="WARNING")
     own = (answers.campaigns, answers.tables, answers.sql, answers.rates, answers.failures, answers.describe_run)
-    run = (drafts.run_campaign, drafts.run_status) if allow_run else ()
+    run = (drafts.run_campaign,) if allow_run else ()
     for tool in (*own, answers.draw_map, answers.compare, drafts.plan_campaign, *run):
         about = ToolAnnotations(
             read_only_hint=tool != drafts.run_campaign, destructive_hint=False, open_world_hint=False

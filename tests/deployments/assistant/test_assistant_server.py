@@ -191,7 +191,6 @@ def test_token_is_printed_once_on_standard_error_and_admits(results):
             {"campaign": 0, "configuration": "room-1", "run_index": 9},
         ),
         ("No oracle 'x' judged both campaigns.", "compare", {"before": 0, "after": 0, "oracle": "x"}),
-        ("no picture of failed runs", "draw_map", {"campaign": 0}),
         ('syntax error at or near "tell"', "sql", {"query": "tell me all"}),
     ],
 )
@@ -230,7 +229,7 @@ def test_schemas_of_all_tools_stay_below_the_ceiling(answers, drafts):
 def test_tools_have_one_name_for_each_argument(answers, drafts):
     tools = asyncio.run(server_of(answers, drafts, allow_run=True).list_tools())
     names = {name for tool in tools for name in tool.input_schema["properties"]}
-    own = {"by", "query", "oracle", "margin", "before", "after", "text", "files_of", "runs", "run"}
+    own = {"by", "query", "oracle", "margin", "before", "after", "text", "files_of", "runs"}
     assert names == {"campaign", "configuration", "run_index", "limit", "offset", *own}
 
 
@@ -239,7 +238,7 @@ def test_tools_that_run_are_there_with_permission_alone(answers, drafts):
         [e.name for e in asyncio.run(server_of(answers, drafts, allow_run=allowed).list_tools())]
         for allowed in (False, True)
     ]
-    assert {*names[1]} - {*names[0]} == {"run_campaign", "run_status"}
+    assert {*names[1]} - {*names[0]} == {"run_campaign"}
 
 
 def test_command_is_listed_without_importing_the_protocol():
