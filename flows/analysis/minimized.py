@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from vastflow.flows.analysis.candidate_file import FILE
 from vastflow.flows.analysis.failing import Failing
+from vastflow.flows.results.inputs import write_files
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.statistics.classes import StoppingRule
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
@@ -37,11 +38,7 @@ class Minimized:
 
     def write(self, folder: Path) -> list[Path]:
         """Write the campaign file with its files, and the picture; return the paths of file and picture."""
-        written = {**self.files, FILE: self.text.encode(), PICTURE: self.picture}
-        for place, content in written.items():
-            file = folder / place
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(content)
+        write_files(folder, {**self.files, FILE: self.text.encode(), PICTURE: self.picture})
         return [folder / FILE, folder / PICTURE]
 
 

@@ -63,7 +63,8 @@ def report_failure(
     with executing(results, trust), computing() as display:
         from vastflow.flows.export.mcap.topics import typestore
         from vastflow.flows.failure.failed_run import failed_run
-        from vastflow.flows.failure.report import Minimization, minimized, report_of, write_files
+        from vastflow.flows.failure.report import Minimization, minimized, report_of
+        from vastflow.flows.results.inputs import write_files
 
         failed = failed_run(results, configuration, int(index))
         typestore()  # a missing extra is said before runs are executed

@@ -1,6 +1,7 @@
 """The failed run of a campaign directory that is reported, as a campaign of its own that repeats it."""
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -132,23 +133,15 @@ def repeat_run(folder: Path, trust: bool = True) -> tuple[Recording, Difference 
     Raises:
         UserError: the folder has no such run, or needs code that is not trusted.
     """
-    with reading(folder):
+    with reading(folder), nullcontext() if trust else code_from(()):
         try:
             (recorded,) = read_recordings(read_bytes(folder / RECORDING))
         except ValueError as error:
             raise UserError(f"{folder}: expected the folder of a reported failure: {error}") from None
-    if not trust:
-        with code_from(()):
-            return _repeated(folder, recorded)
-    return _repeated(folder, recorded)
-
-
-def _repeated(folder: Path, recorded: Recording) -> tuple[Recording, Difference | None]:
-    campaign, _ = read_campaign(folder / CAMPAIGN)
-    made = instantiate(campaign).configurations
-    if len(made) != 1:
-        raise UserError(f"{folder / CAMPAIGN}: expected one configuration, got {len(made)}")
-    with reading(folder):
+        campaign, _ = read_campaign(folder / CAMPAIGN)
+        made = instantiate(campaign).configurations
+        if len(made) != 1:
+            raise UserError(f"{folder / CAMPAIGN}: expected one configuration, got {len(made)}")
         executed = run(made[0].scenario, recorded.run.run_index, campaign.seed)
     executed = replace(executed, behaviors=recorded.behaviors, outputs=Outputs())  # which the file does not have
     return recorded, first_difference(recorded, executed)

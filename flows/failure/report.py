@@ -5,6 +5,7 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,6 +25,7 @@ from vastflow.flows.export.mcap.mcap import bag_of
 from vastflow.flows.failure.failed_run import FailedRun, check_repeats
 from vastflow.flows.failure.small_map import Bounds, with_small_map
 from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.inputs import write_files
 from vastflow.oracles.figures.case_figure import case_of
 from vastflow.oracles.figures.film import LAST_MS, PICTURE_MS, FilmedRun, FilmError, write_film
 from vastflow.oracles.results.executed import KeptFiles
@@ -43,10 +45,13 @@ MINIMIZED: Final = "minimized"
 _COSTMAPS: Final = ("/global_costmap/costmap", "/local_costmap/costmap")
 _SENSED: Final = ("/scan", "/particle_cloud")
 _LEAVING: Final = (
-    ((), ""),
-    (_COSTMAPS, "the costmaps of the bag"),
-    ((*_COSTMAPS, *_SENSED), "the costmaps, scans, and particles of the bag"),
+    ((), ()),
+    (_COSTMAPS, ("the costmaps of the bag",)),
+    ((*_COSTMAPS, *_SENSED), ("the costmaps, scans, and particles of the bag",)),
+    ((*_COSTMAPS, *_SENSED), ("the costmaps, scans, and particles of the bag", "the film")),
+    (None, ("the bag", "the film")),
 )
+"""Topics that a bag lacks, None for no bag, and what is left out in words."""
 _LONG_AGO: Final = (1980, 1, 1, 0, 0, 0)
 _CRF: Final = 28
 _LOOK_TICKS: Final = 10
@@ -149,13 +154,6 @@ def _laid_out(files: Mapping[str, bytes]) -> Iterator[Path]:
         yield Path(place).resolve()
 
 
-def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files by their places below a folder."""
-    for place, content in files.items():
-        (folder / place).parent.mkdir(parents=True, exist_ok=True)
-        (folder / place).write_bytes(content)
-
-
 def report_of(failed: FailedRun, minimization: Minimization) -> Report:
     """Return the report of a failed run, which was repeated from the report's own files before.
 
@@ -172,26 +170,17 @@ def report_of(failed: FailedRun, minimization: Minimization) -> Report:
     if failed.parameters:
         values = yaml.safe_dump(_plain(failed.parameters), sort_keys=False, allow_unicode=True)
         files[PARAMETERS] = f"# What differs from Nav2's defaults and is read by the modeled stack.\n{values}".encode()
-    film = _film(failed)
-    for without, words in _LEAVING:
-        bag = {f"{BAG}/{name}": content for name, content in bag_of(failed.recorded, without).items()}
-        for filmed in (film, {}) if words == _LEAVING[-1][1] else (film,):
-            left = (words, *["the film"] * (not filmed))
-            if report := _fitting(failed, minimization, {**files, **bag, **filmed}, left):
-                return report
-    if report := _fitting(failed, minimization, files, ("the bag", "the film")):
-        return report
+    film, bag = _film(failed), cache(partial(bag_of, failed.recorded))
+    for without, left_out in _LEAVING:
+        parts = files | ({} if "the film" in left_out else film)
+        if without is not None:
+            parts |= {f"{BAG}/{name}": content for name, content in bag(without).items()}
+        report = Report({**parts, README: _readme(failed, minimization, parts, left_out).encode()}, left_out)
+        if len(report.zipped()) <= MOST_BYTES:
+            return report
     raise UnusableDirectory(
         f"{failed.failing.directory}: expected at most {MOST_BYTES:,} bytes of map and recording, packed, got more"
     )
-
-
-def _fitting(
-    failed: FailedRun, minimization: Minimization, files: Mapping[str, bytes], left: Sequence[str]
-) -> Report | None:
-    left_out = tuple(filter(None, left))
-    made = Report({**files, README: _readme(failed, minimization, files, left_out).encode()}, left_out)
-    return made if len(made.zipped()) <= MOST_BYTES else None
 
 
 def _film(failed: FailedRun) -> dict[str, bytes]:

@@ -1,8 +1,7 @@
-"""Maps in few bytes: as the smaller of PNG and PGM, and cut to the part that a run needs."""
+"""Maps in few bytes: as PNG, and cut to the part that a run needs."""
 
 import io
 import math
-import zlib
 from collections.abc import Mapping
 from pathlib import PurePosixPath
 from typing import Final, TypeAlias
@@ -42,11 +41,9 @@ def with_small_map(files: Files, bounds: Bounds | None = None) -> dict[str, byte
         header, picture = {**header, "origin": origin}, picture.crop((left, top, right, bottom))
     png = io.BytesIO()
     picture.save(png, "png", optimize=True)
-    pgm = b"P5\n%d %d\n255\n" % picture.size + picture.tobytes()
-    is_png = len(png.getvalue()) <= len(zlib.compress(pgm, 9))
-    name = f"{PurePosixPath(place).stem}.{'png' if is_png else 'pgm'}"
+    name = f"{PurePosixPath(place).stem}.png"
     del found[image]
-    found[f"{PurePosixPath(place).parent}/{name}"] = png.getvalue() if is_png else pgm
+    found[f"{PurePosixPath(place).parent}/{name}"] = png.getvalue()
     found[place] = yaml.safe_dump({**header, "image": name}, sort_keys=False).encode()
     return found
 

@@ -51,10 +51,14 @@ class Inputs:
     def write(self, directory: Path) -> None:
         """Write `campaign.vast` and `inputs/` into the campaign directory."""
         (directory / "campaign.vast").write_bytes(self.campaign)
-        for name, content in self.files.items():
-            file = directory / "inputs" / name
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(content)
+        write_files(directory / "inputs", self.files)
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files by their places below a folder."""
+    for place, content in files.items():
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        (folder / place).write_bytes(content)
 
 
 def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
