@@ -15,11 +15,14 @@ from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.export.mcap.bag import Bag
 from vastflow.flows.export.mcap.mcap import bag_of
+from vastflow.flows.export.mcap.messages import RunMessages
 from vastflow.flows.export.mcap.topics import TOPICS, typestore
 from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.recording import Event
+from vastflow.sim.nav2.navigator.state import RECOVERIES
 from vastflow.sim.run import run
 from vastflow.tasks.keys.keys import EXECUTE_SOURCE, Keys, numeric_class
 from vastflow.tasks.keys.source import installed_tree
@@ -305,3 +308,26 @@ def test_export_names_missing_package(recorded, monkeypatch):
             Bag()
     finally:
         typestore.cache_clear()
+
+
+def test_bag_tells_each_recovery_that_nav2_counts(tmp_path):
+    """Nav2 counts the clearing of both costmaps as two."""
+    bag = Bag()
+    events = [Event(float(k), "recovery", 1.0, 1.0, what, 0.0) for k, what in enumerate(RECOVERIES)]
+    RunMessages(bag).surroundings((), events, 10_000)
+    for name, content in bag.files({"of": "a test"}).items():
+        (tmp_path / name).write_bytes(content)
+    changes = [
+        (t_ns // 10**9, each) for t_ns, log in of(read(tmp_path), "/behavior_tree_log") for each in log.event_log
+    ]
+    assert [(t_s, each.node_name) for t_s, each in changes if each.current_status == "RUNNING"] == [
+        (0, "ClearLocalCostmap-Context"),
+        (1, "ClearGlobalCostmap-Context"),
+        (2, "ClearLocalCostmap-Subtree"),
+        (2, "ClearGlobalCostmap-Subtree"),
+        (3, "Spin"),
+        (4, "Wait"),
+        (5, "BackUp"),
+    ]
+    uids = {each.node_name: each.uid for _, each in changes}
+    assert len(set(uids.values())) == len(uids)

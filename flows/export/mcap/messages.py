@@ -22,6 +22,15 @@ Fields: TypeAlias = dict[str, Any]
 """Fields of a message, see `Bag.add`."""
 NODES: Final = {"following": "FollowPath", "spin": "Spin", "wait": "Wait", "back up": "BackUp"}
 """Activities to the nodes of Nav2's behavior trees that do them."""
+CLEARS: Final = {
+    "clear local costmap": ("ClearLocalCostmap-Context",),
+    "clear global costmap": ("ClearGlobalCostmap-Context",),
+    "clear both costmaps": ("ClearLocalCostmap-Subtree", "ClearGlobalCostmap-Subtree"),
+}
+"""Recoveries that take no time to the nodes of Nav2's default trees that do them, each of which Nav2 counts."""
+_UIDS: Final = {
+    name: k for k, name in enumerate((*NODES.values(), *(each for of in CLEARS.values() for each in of)), 1)
+}
 HEIGHT_M: Final = 0.5
 """Drawn height of what has none of its own."""
 _COSTS: Final = np.array([0, *(1 + 97 * (cost - 1) // 251 for cost in range(1, 253)), 99, 100, -1], dtype=np.int8)
@@ -118,20 +127,22 @@ class RunMessages:
         node = NODES.get(moment.activity, "")
         if node == self._node:
             return
-        t_ns = nanoseconds(moment.t_s)
-        changes = [(self._node, "RUNNING", "IDLE"), (node, "IDLE", "RUNNING")]
+        self._changed(nanoseconds(moment.t_s), (self._node, "RUNNING", "IDLE"), (node, "IDLE", "RUNNING"))
+        self._node = node
+
+    def _changed(self, t_ns: int, *changes: tuple[str, str, str]) -> None:
+        """Add names of nodes with their status before and now, as one log of the behavior tree."""
         log = [
             {
                 "timestamp": _time(t_ns),
                 "node_name": name,
-                "uid": 1 + list(NODES.values()).index(name),
+                "uid": _UIDS[name],
                 "previous_status": before,
                 "current_status": now,
             }
             for name, before, now in changes
             if name
         ]
-        self._node = node
         self._bag.add("/behavior_tree_log", t_ns, timestamp=_time(t_ns), event_log=log)
 
     def seen(self, snapshot: TickSnapshot, told: Published, *, has_local: bool, has_global: bool) -> None:
@@ -194,6 +205,11 @@ class RunMessages:
                 self._marked(
                     "/ground_truth/contacts", t_ns, "contacts", number, _SPHERE, place, (0.2, 0.2, 0.2), _CONTACT
                 )
+            for node in CLEARS.get(event.what, (NODES.get(event.what, ""),)) if event.kind == "recovery" else ():
+                if event.what in CLEARS:
+                    self._changed(t_ns, (node, "IDLE", "RUNNING"), (node, "RUNNING", "SUCCESS"))
+                elif not self._scan:  # nothing was executed, and so `doing` told nothing
+                    self._changed(t_ns, (node, "IDLE", "RUNNING"))
             if words := event_words(event):
                 self.says(t_ns, words, INFO if event.kind == "goal_reached" else WARN)
 
