@@ -267,6 +267,8 @@ def test_spelled_out_keeps_keys_of_parameter_file_and_campaign_apart():
     assert not [key for key in found if key.endswith((".batch_size", ".vx_max"))]
     assert "collision_monitor.FootprintApproach.enabled" in assumed
     assert all(f"{key.rpartition('.')[2]}:" in path.read_text() for key in found.keys() - assumed)
+    rpp = {FILE_KEY: nav2_file(CAMPAIGNS / "nav2" / "rpp.yaml")}
+    assert (spelled_out(rpp)["controller"], "controller" in assumed_keys(rpp)) == ("rpp", False)
 
 
 def test_placed_names_kept_paths_of_files_outside_of_campaign_folder():

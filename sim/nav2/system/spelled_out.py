@@ -64,8 +64,9 @@ def assumed_keys(system: Mapping[str, Value]) -> frozenset[str]:
     if not isinstance(content, FileContent):
         return frozenset()
     given = of_robot(read_nav2_document(content.path), system.get(NAMESPACE_KEY)).values
+    named = {*system, *([CONTROLLER_KEY] if any("controller_server" in path for path in given) else ())}
     return frozenset(
-        key for key in spelled_out(system) if key not in system and given.keys().isdisjoint(targets(given, key))
+        key for key in spelled_out(system) if key not in named and given.keys().isdisjoint(targets(given, key))
     )
 
 
