@@ -9,7 +9,7 @@ import typer
 
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, writing
-from vastflow.flows.terminal.options import AsJson, OracleName, Out
+from vastflow.flows.terminal.options import AsJson, Markdown, OracleName, Out
 from vastflow.oracles.results.unusable import reading
 
 Target = Literal["these", "others"]
@@ -37,6 +37,7 @@ def compare(
         int, typer.Option(min=0, metavar="N", help="Number of configurations to draw, most changed first.")
     ] = 8,
     out: Out = None,
+    markdown: Markdown = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare two campaigns, run by run.
@@ -51,6 +52,7 @@ def compare(
         from vastflow.flows.analysis.comparison_pictures import draw
         from vastflow.flows.analysis.comparison_text import compared_json, compared_report, compared_text
         from vastflow.flows.terminal.display import print_rows
+        from vastflow.flows.terminal.markdown import write_markdown
         from vastflow.oracles.results.tables import read_tables
 
         with reading(before):
@@ -63,10 +65,13 @@ def compare(
         if junit is not None:
             with writing(junit, "--junit"):
                 junit.write_bytes(compared_report(found))
+        shown = list(compared_text(found, drawn))
+        if markdown:
+            write_markdown([shown[-1], *shown[:-1]], markdown)  # the gate first
         if as_json:
             print(json.dumps(compared_json(found, drawn)))
         else:
-            print_rows(compared_text(found, drawn))
+            print_rows(shown)
         for why, names in undrawn.items():
             print(f"not drawn: {', '.join(names)}: {why}", file=sys.stderr)
     if gate:

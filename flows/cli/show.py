@@ -9,7 +9,7 @@ import typer
 
 from vastflow.flows.cli.store import StoreOption
 from vastflow.flows.terminal.ending import INTERRUPTED, Interruptible
-from vastflow.flows.terminal.options import AsJson, PlaceOfResults, run_names
+from vastflow.flows.terminal.options import AsJson, Markdown, PlaceOfResults, run_names
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 
@@ -38,18 +38,22 @@ def show(
         typer.Option("--lineage", help="Show what the verdicts on one run follow from, back to the campaign file."),
     ] = False,
     store: StoreOption = None,
+    markdown: Markdown = None,
     as_json: AsJson = False,
 ) -> None:
     """Show a campaign.
 
     Its headline, rates, rejections with their reasons, and the path of the report; with --json, the coverage. With --follow, the progress
-    of a running campaign and its failures as they come; with --json, its events, one a line. With --lineage, the steps behind the
+    of a running campaign and its failures as they come; with --json, its events, one a line. With --markdown, only failing
+    configurations are written, those with most failed runs first. With --lineage, the steps behind the
     verdicts on one run with their keys, and whether the store has them still.
     """
     if not lineage and (run or store):
         raise UserError(f"{'CONFIGURATION/RUN' if run else '--store'}: requires --lineage, got {run or store!r} alone")
     if lineage and not run:
         raise UserError("--lineage: expected RESULTS and CONFIGURATION/RUN, such as room-1/0")
+    if markdown and (follow or lineage or coverage or as_json):
+        raise UserError("--markdown: expected RESULTS alone, got --follow, --lineage, --coverage, or --json")
     if follow:
         if coverage:
             raise UserError("--coverage: expected a finished campaign, got --follow")
@@ -60,6 +64,7 @@ def show(
     from vastflow.flows.plan.text import coverage_text
     from vastflow.flows.results.address import WITHOUT_RUNS, at_hand, check_directory
     from vastflow.flows.terminal.display import print_rows
+    from vastflow.flows.terminal.markdown import write_markdown
     from vastflow.flows.terminal.outcome import details
     from vastflow.oracles.evidence.evidence import evidence_of
     from vastflow.oracles.results.coverage import read_coverage
@@ -76,7 +81,10 @@ def show(
                 print_rows([*coverage_text(read_coverage(directory))])
             else:
                 tables = read_tables(directory)
-                shown = list(details(tables, evidence_of(tables)))
+                evidence = evidence_of(tables)
+                shown = list(details(tables, evidence))
+                if markdown:
+                    write_markdown(details(tables, evidence, failing=True), markdown)
                 print(f"{tables.metadata['name']}, {tables.metadata['created']}\n")
                 print_rows(shown)
                 print(f"\n{report_line(directory, results.rstrip('/'))}")

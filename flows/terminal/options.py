@@ -94,6 +94,10 @@ OracleName: TypeAlias = Annotated[
     str | None, typer.Option(metavar="NAME", help="Use the verdicts of this oracle alone.")
 ]
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+Markdown: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Write it as Markdown too, for the summary of a job in CI."),
+]
 DryRun: TypeAlias = Annotated[bool, typer.Option("--dry-run", help="Print what would change, and change nothing.")]
 Context: TypeAlias = Annotated[
     str | None, typer.Option(metavar="NAME", help="Cluster whose resources apply (default: the first in the file).")

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from rich.console import RenderableType
 from rich.table import Table
@@ -11,12 +11,14 @@ from rich.text import Text
 from vastflow.flows.request.run_request import SEQUENTIAL
 from vastflow.flows.terminal.display import terminal_table
 from vastflow.flows.terminal.progress import count_text
-from vastflow.oracles.evidence.causes import standstills_of
+from vastflow.oracles.evidence.causes import causes_by_configuration, standstills_of
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.headline import robot_text
 from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.statistics.intervals import LEVEL, Counts
 from vastflow.oracles.statistics.looks import Mean
+
+MOST_FAILING: Final = 50
 
 
 def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator[RenderableType]:
@@ -65,16 +67,27 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
     yield from _faults(tables)
 
 
-def details(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator[RenderableType]:
-    """Yield `outcome`, and tables of configurations and of reasons for rejection."""
+def details(tables: Tables, evidence: Mapping[str | None, Evidence], failing: bool = False) -> Iterator[RenderableType]:
+    """Yield `outcome`, and tables of configurations with causes and of reasons for rejection.
+
+    Args:
+        failing: Whether to yield only configurations with failed runs, those with most of them first.
+    """
     yield from outcome(tables, evidence)
     yield ""
+    causes = causes_by_configuration(tables)
     each = [
-        _Row((name,), counts, group.means[name])
+        _Row((name,), counts, group.means[name], ", ".join(f"{cause} {n}" for cause, n in causes[name].most_common()))
         for group in evidence[None].families.values()
         for name, counts in group.by_name.items()
     ]
-    yield _table(("configuration",), each)
+    if failing:
+        whole, each = len(each), sorted((row for row in each if row.counts.failed), key=lambda row: -row.counts.failed)
+        yield Text(f"{len(each):,} of {count_text(whole, 'configuration')} with failed runs", "bold")
+    if each:
+        yield _table(("configuration",), each[: MOST_FAILING if failing else None])
+    if failing and len(each) > MOST_FAILING:
+        yield Text(f"and {len(each) - MOST_FAILING:,} more")
     if tables.rejections:
         reasons = Counter((row["family"], row["producer"], row["reason"]) for row in tables.rejections)
         rows = [(*rejected, str(times)) for rejected, times in reasons.most_common()]
@@ -82,11 +95,12 @@ def details(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
 
 
 class _Row(NamedTuple):
-    """Names, runs, and the rate with its interval; None where nothing was judged or a search chose the points."""
+    """Names, runs, causes, and the rate with its interval; None where nothing was judged or a search chose the points."""
 
     names: Sequence[str]
     counts: Counts
     mean: Mean | None = None
+    causes: str = ""
 
     @property
     def rate(self) -> str:
@@ -106,7 +120,10 @@ def _table(first: Sequence[str], rows: Sequence[_Row]) -> Table:
         for n in [row.counts]
     ]
     numbers = (*first[1:], *counted, f"rate [{100 * LEVEL:.0f} % interval]")
-    return terminal_table(first[:1], numbers, rows=cells)
+    if not any(row.causes for row in rows):
+        return terminal_table(first[:1], numbers, rows=cells)
+    cells = [(*cell, row.causes) for cell, row in zip(cells, rows, strict=True)]
+    return terminal_table(first[:1], numbers, ("causes",), cells)
 
 
 def _faults(tables: Tables) -> Iterator[RenderableType]:

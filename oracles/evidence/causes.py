@@ -49,6 +49,16 @@ def causes_of(tables: Tables) -> tuple[CauseCount, ...]:
     return tuple(sorted(found, key=lambda each: (each.cause == "unknown", -each.runs)))
 
 
+def causes_by_configuration(tables: Tables) -> Mapping[str, Counter[str]]:
+    """The number of failed runs by cause, of each configuration; there are none in a directory of an earlier version."""
+    found: dict[str, Counter[str]] = {name: Counter() for name in tables.configurations.names}
+    if "cause" in tables.runs.column_names:
+        failed = tables.runs.filter(tables.runs["cause"].is_valid())
+        for name, cause in zip(*(failed[column].to_pylist() for column in ("configuration", "cause")), strict=True):
+            found[name][cause] += 1
+    return found
+
+
 def causes_json(causes: tuple[CauseCount, ...]) -> Mapping[str, Any]:
     """Cause to its counts, meaning, and example run."""
     return {

@@ -1,13 +1,15 @@
 """The outcome of a campaign in the terminal."""
 
 import io
+from dataclasses import replace
+from functools import partial
 
 import pyarrow as pa
 from rich.console import Console
 
 from vastflow.flows.terminal.outcome import details, outcome
 from vastflow.oracles.evidence.evidence import evidence_of
-from vastflow.oracles.results.schema import CONFIGURATIONS, RUNS, VERDICTS
+from vastflow.oracles.results.schema import CONFIGURATIONS, JUDGED_RUNS, RUNS, VERDICTS
 from vastflow.oracles.results.tables import ConfigurationTable, Tables, VerdictTable
 
 
@@ -91,3 +93,25 @@ def test_outcome_counts_rejections_and_details_list_their_reasons():
     assert "3 instances rejected" in text and words_of(text, "far")[1:] == ["0", "0", "0", "0", "–"]
     listed = [line.split()[-1] for line in text_of(found, details).splitlines() if "no goal [at] 200 m" in line]
     assert listed == ["2", "1"]
+
+
+def with_causes(found, *causes):
+    """The tables with runs of these configurations, indices, and causes."""
+    rows = [dict(zip(("configuration", "run_index", "cause"), each, strict=True)) for each in causes]
+    return replace(found, runs=pa.Table.from_pylist(rows, JUDGED_RUNS))
+
+
+def test_details_name_causes_of_failed_runs_by_configuration():
+    causes = [("tight-1", 0, "contact"), ("tight-1", 1, "lost"), ("tight-1", 3, "lost"), ("open-1", 0, None)]
+    text = text_of(with_causes(tables(PASSES + FAILS), *causes), details)
+    assert next(line for line in text.splitlines() if line.startswith("tight-1")).endswith("lost 2, contact 1")
+    assert "causes" not in text_of(tables(PASSES + FAILS), details)
+
+
+def test_details_of_failing_ones_have_most_failed_first_and_count_the_rest():
+    verdicts = [("f", f"f-{k}", run, "success", "fail" if run < k else "pass") for k in range(70) for run in range(70)]
+    text = text_of(tables(verdicts), partial(details, failing=True))
+    listed = [line.split() for line in text.splitlines() if line.startswith("f-")]
+    assert [each[0] for each in listed] == [f"f-{k}" for k in range(69, 19, -1)]
+    assert "69 of 70 configurations with failed runs\n" in text and "and 19 more\n" in text
+    assert "0 of 1 configuration with failed runs\n" in text_of(tables(PASSES), partial(details, failing=True))

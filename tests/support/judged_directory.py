@@ -1,0 +1,61 @@
+"""Campaign directories of verdicts alone, which a comparison and a terminal read."""
+
+import json
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from vastflow.flows.results.provenance import STAGES
+from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
+
+INGREDIENTS = {
+    "vastflow": "0.1.0",
+    "numeric_class": "x86_64; glibc",
+    "seed": 1,
+    "oracles": [],
+    "code": {stage: {"files": {"sim.run": "a"}, "libraries": {"numpy": "1.0"}} for stage in STAGES},
+}
+"""Ingredients of the results in `metadata.json`."""
+
+
+def write(
+    folder,
+    configurations,
+    *,
+    oracles=("success",),
+    seed="",
+    created="2026-11-22T06:00:00",
+    system_key="noise",
+    differ="goal",
+):
+    """A campaign directory without recordings: task, system, and a letter for each run: p, f, or n for not judged.
+
+    Tasks are goals that `differ`, on one map or on none, or one goal on maps that do."""
+    folder.mkdir(parents=True)
+    rows, runs, verdicts = [], [], []
+    for name, (task, system, said) in configurations.items():
+        place = {} if differ == "goal" else {"map_file": {"file": f"{task if differ == 'map' else 0}"}}
+        content = {"environment": place, "task": {"goal": task * (differ != "map")}, "system": {system_key: system}}
+        row = {"name": name, "family": "f", "provenance": "{}"}
+        row |= dict.fromkeys(("scenario_digest", "checked_digest"), f"{task} {system}")
+        row |= {"abstract": "builtin:navigate_to_pose", "scenario": json.dumps(content)}
+        rows.append({**row, "factors": json.dumps({"noise": system})})
+        for k, letter in enumerate(said):
+            runs.append({"configuration": name, "run_index": k, "seed": f"{seed}{task}-{k}"})
+            for oracle in oracles:
+                judgment = {"p": "pass", "f": "fail", "n": "not judged"}[letter]
+                verdict = {"configuration": name, "family": "f", "run_index": k, "oracle": oracle, "metrics": "{}"}
+                verdicts.append({**verdict, "judgment": judgment, "reason": ""})
+    tables = {"configurations": (rows, CONFIGURATIONS), "runs": (runs, RUNS)}
+    tables |= {"verdicts": (verdicts, VERDICTS), "rejections": ([], REJECTIONS)}
+    for table, (content, schema) in tables.items():
+        pq.write_table(pa.Table.from_pylist(content, schema), folder / f"{table}.parquet")
+    (folder / "campaign.vast").write_text("version: 1\n")
+    source = dict.fromkeys(("execute", "observe", "judge"), folder.name)
+    metadata = {"name": folder.name, "created": created, "source": source, **INGREDIENTS}
+    (folder / "metadata.json").write_text(json.dumps(metadata))
+    return folder
+
+
+def same(said, system=0, configurations=12):
+    return {f"c{k}": (k, system, said) for k in range(configurations)}
