@@ -11,7 +11,6 @@ from typing import get_args
 
 import pytest
 import yaml
-from command_line import options_of
 from table import each_row
 from typer.main import get_command
 
@@ -120,42 +119,6 @@ def first_column(text: str) -> list[str]:
     """Names in backticks in the first column of the tables of `text`."""
     cells = re.findall(r"^\| (`[^|]*) \|", text, re.MULTILINE)
     return [name for cell in cells for name in re.findall(r"`([^`]+)`", cell)]
-
-
-@pytest.mark.parametrize("block", [b for b in BLOCKS if b.page == "in-ci"], ids=lambda block: Path(block.about).name)
-def test_ci_file_gates_changes_and_keeps_baseline_of_main(tmp_path, block):
-    content = yaml.safe_load(block.text)
-    if "jobs" in content:
-        steps = content["jobs"]["campaign"]["steps"]
-        scripts = {each.get("if", ""): each["run"] for each in steps if "run" in each}
-        of_change, of_main = (
-            scripts[f"github.{end}"] for end in ("event_name == 'pull_request'", "ref == 'refs/heads/main'")
-        )
-    else:
-        of_change = of_main = content["navigation"]["script"][-1]
-    (tmp_path / "candidate" / "office-2026-01-30-120000").mkdir(parents=True)
-    (tmp_path / "candidate" / "office-2026-01-30-120000" / "metadata.json").touch()
-
-    def said(script, policy):
-        script = re.sub(r"\S+/venv/bin/vastflow|\.\./venv/bin/vastflow", "echo vastflow", script)
-        done = subprocess.run(
-            ["sh", "-ec", script],
-            cwd=tmp_path,
-            env={"POLICY": policy, "PATH": "/usr/bin:/bin"},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        return done.stdout.strip()
-
-    (tmp_path / ".ci").mkdir()
-    assert said(of_change, "pull") == "no baseline yet"
-    kept, gated = (said(of_main, "pull-push"), said(of_main, "pull-push"))[0], said(of_change, "pull")
-    assert (tmp_path / ".ci" / "baseline" / "metadata.json").exists()
-    assert kept == "vastflow store gc --keep .ci/baseline"
-    assert gated.startswith("vastflow compare .ci/baseline candidate/office-2026-01-30-120000 --gate ")
-    assert {*re.findall(r"--[a-z]+", gated)} <= options_of("compare")
-    assert "vastflow run navigation/office.vast --results candidate" in block.text
 
 
 def test_pages_have_every_kind_of_example():
