@@ -15,9 +15,10 @@ MAX_BYTES: Final = 30_000
 """Two of these fit in one comment, whose limit at GitHub is 65,536 characters."""
 _MAX_TEXT: Final = 500
 _MARKS: Final = {"green": "✅ ", "red": "❌ "}
-_PUNCTUATION: Final = re.compile(r"[!-/:-@\[-`{-~]")
+_MARKUP: Final = re.compile(r"[\\`*_{}\[\]<>#|~&!$^@]|^[!-/:-@]|(?<=\d)[.)](?!\S)")
+"""Punctuation that is markup anywhere, at the start of a line, or behind the number of an item."""
 _LINKED: Final = re.compile(r"[@#!~$&%](?=\w)|:(?=//)|\bwww(?=\.)|\bGH(?=-\d)", re.IGNORECASE)
-"""What GitHub and GitLab turn into mentions, references, and links even where its punctuation is escaped."""
+"""What GitHub and GitLab turn into mentions, references, and links even where it is escaped."""
 
 
 def escaped(text: str) -> str:
@@ -27,7 +28,7 @@ def escaped(text: str) -> str:
     """
     shown = " ".join("".join(each if each.isprintable() else " " for each in text).split())
     shown = shown if len(shown) <= _MAX_TEXT else f"{shown[:_MAX_TEXT]}…"
-    return _PUNCTUATION.sub(r"\\\g<0>", _LINKED.sub("\\g<0>\N{ZERO WIDTH SPACE}", shown))
+    return _MARKUP.sub(r"\\\g<0>", _LINKED.sub("\\g<0>\N{ZERO WIDTH SPACE}", shown))
 
 
 def markdown_of(lines: Iterable[RenderableType]) -> str:
@@ -35,9 +36,7 @@ def markdown_of(lines: Iterable[RenderableType]) -> str:
     rows = [row for line in lines for row in (_rows(line) if isinstance(line, Table) else _paragraph(line))]
     ends = accumulate(len(row.encode()) + 1 for row in rows)
     kept = sum(end <= MAX_BYTES - 100 for end in ends)
-    cut = [f"\n{len(rows) - kept:,} more lines are left out here. The campaign directory has them."] * (
-        kept < len(rows)
-    )
+    cut = [f"\n{len(rows) - kept:,} more lines are left out here. The terminal shows them."] * (kept < len(rows))
     return "\n".join([*rows[:kept], *cut, ""])
 
 
@@ -54,12 +53,12 @@ def _paragraph(line: RenderableType) -> Iterator[str]:
 
 
 def _rows(table: Table) -> Iterator[str]:
-    heads = (str(column.header) if table.show_header else "" for column in table.columns)
-    cells = [
-        [escaped(str(cell)) for cell in (head, *each.cells)] for head, each in zip(heads, table.columns, strict=True)
-    ]
-    head, *rows = zip(*cells, strict=True)
-    rule = ("---:" if column.justify == "right" else "---" for column in table.columns)
-    yield "\n".join(f"| {' | '.join(row)} |" for row in (head, rule))
-    yield from (f"| {' | '.join(row)} |" for row in rows)
+    columns = []
+    for column in table.columns:
+        cells = (escaped(str(cell)) for cell in (column.header if table.show_header else "", *column.cells))
+        columns.append([cell.replace(" ", "\N{NO-BREAK SPACE}") if column.no_wrap else cell for cell in cells])
+    head, *rows = (f"| {' | '.join(row)} |" for row in zip(*columns, strict=True))
+    rules = ("---:" if column.justify == "right" else "---" for column in table.columns)
+    yield f"{head}\n| {' | '.join(rules)} |"
+    yield from rows
     yield ""

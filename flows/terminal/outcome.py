@@ -48,7 +48,7 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
             own = evidence[name].campaign.counts
             unjudged = f" ({own.not_judged} not judged)" if own.not_judged else ""
             shares.append(f"{name} {own.passed}/{own.judged}{unjudged}")
-        yield Text("  ".join(shares), "dim")
+        yield Text(", ".join(shares), "dim")
     if (stood := standstills_of(tables)).runs:
         yield Text(stood.text, "yellow")
     if sampled_from := tables.metadata.get("counts", {}).get("sampled_from"):

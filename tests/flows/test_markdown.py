@@ -89,7 +89,7 @@ def test_table_keeps_columns_alignment_and_header():
     table = terminal_table(("family",), ("runs", "rate"), rows=[("a|b", "3", "100.0 %"), ("c", "4", "–")])
     body = rendered(markdown_of([Text("76 % passed", "bold"), table, Text("gate holds: x", "green")]))
     assert [each.text for each in body.findall(".//th")] == ["family", "runs", "rate"]
-    assert [each.text for each in body.findall(".//td")] == ["a|b", "3", "100.0 %", "c", "4", "–"]
+    assert [each.text for each in body.findall(".//td")] == ["a|b", "3", "100.0\N{NO-BREAK SPACE}%", "c", "4", "–"]
     assert [each.get("style") for each in body.findall(".//th")] == [None, *["text-align:right"] * 2]
     assert ["".join(each.itertext()) for each in body.findall("p")] == ["76 % passed", "✅ gate holds: x"]
 

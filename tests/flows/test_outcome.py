@@ -71,7 +71,7 @@ def test_outcome_names_oracles_duplicates_faults_and_saved_runs():
     twin = {"family": "open", "name": "open-2", "duplicate_of": "open-1", "scenario": "{}"}
     text = text_of(tables(PASSES + safety, more=[twin], faults=faults, counts=counts, sequential={"min": 5, "max": 20}))
     for words in (
-        "success 9/9  safety 8/9",
+        "success 9/9, safety 8/9",
         "1 configuration equal to another, run once",
         "9 runs of at most 20, 11 saved, since runs end",
         "a sample of 1 of 7 distinct configurations",
