@@ -1,6 +1,8 @@
 """The GitHub action and the GitLab template: their scripts in order, with stand-ins of the hosts and of `vastflow`."""
 
+import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,7 +10,7 @@ import yaml
 from code_hosts import ACTION, MOST_CHARACTERS, ROOT, TEMPLATE, VASTFLOW, GitHub, GitLab, comments_server
 from table import each_row
 
-from vastflow.deployments.comment import summary_of
+from vastflow.deployments.comment import main, summary_of
 from vastflow.flows.terminal.markdown import MAX_BYTES
 
 CAMPAIGN = {"campaign": "navigation/office.vast"}
@@ -97,6 +99,13 @@ def check_failed_gate(host, api, tmp_path, text=None):
 
 
 @each_row("kind", HOSTS)
+def test_comparison_that_breaks_ends_job_with_its_code_and_is_summarized(kind, tmp_path, api):
+    done = with_baseline(kind, tmp_path, api).run(CAMPAIGN, EXIT_COMPARE="2")
+    assert done.code == 2
+    assert "❌ The gate has no result." in only(api.comments) and "markdown of show" in only(api.comments)
+
+
+@each_row("kind", HOSTS)
 def test_campaign_that_cannot_run_ends_job_with_its_code_and_is_summarized(kind, tmp_path, api):
     host = with_baseline(kind, tmp_path, api)
     done = host.run(CAMPAIGN, EXIT_RUN="2")
@@ -128,35 +137,51 @@ def test_later_job_changes_own_comment_and_never_that_of_others(kind, tmp_path, 
     assert len(api.comments) == 252
 
 
+REFUSED = "no comment: the server answered"
+NOWHERE = "no comment: no pull or merge request, or no token"
 TROUBLES = [
-    (GitHub, {"token": "fork"}, "no comment: the server answered 403 Forbidden"),
-    (GitHub, {"token": "wrong"}, "no comment: the server answered 401 Unauthorized"),
-    (GitHub, {"token": ""}, "no comment: no pull or merge request, or no token"),
-    (GitLab, {"token": "fork"}, "no comment: the server answered 403 Forbidden"),
-    (GitLab, {"token": "wrong"}, "no comment: the server answered 401 Unauthorized"),
-    (GitLab, {"token": ""}, "no comment: no pull or merge request, or no token"),
+    (GitHub, {"GITHUB_TOKEN": "fork"}, f"{REFUSED} 403 Forbidden"),
+    (GitHub, {"GITHUB_TOKEN": "wrong"}, f"{REFUSED} 401 Unauthorized"),
+    (GitHub, {"GITHUB_TOKEN": ""}, NOWHERE),
+    (GitHub, {"GITHUB_REPOSITORY": "me/other"}, f"{REFUSED} 404 Not Found"),
+    (GitHub, {"GITHUB_API_URL": "http://127.0.0.1:9"}, "no comment: [Errno 111] Connection refused"),
+    (GitHub, {"GITHUB_EVENT_PATH": "push.json"}, NOWHERE),
+    (GitLab, {"VASTFLOW_GITLAB_TOKEN": "fork"}, f"{REFUSED} 403 Forbidden"),
+    (GitLab, {"VASTFLOW_GITLAB_TOKEN": "wrong"}, f"{REFUSED} 401 Unauthorized"),
+    (GitLab, {"VASTFLOW_GITLAB_TOKEN": ""}, NOWHERE),
+    (GitLab, {"CI_MERGE_REQUEST_PROJECT_ID": "6"}, f"{REFUSED} 404 Not Found"),
+    (GitLab, {"CI_MERGE_REQUEST_IID": "", "GITHUB_TOKEN": "token"}, NOWHERE),
 ]
 
 
 @each_row(("kind", "more", "words"), TROUBLES)
-def test_refused_comment_is_one_line_and_no_failure(kind, more, words, tmp_path, api):
-    done = kind(tmp_path / "host", api).run(CAMPAIGN, **more)
-    assert (done.code, own(api.comments)) == (0, [])
-    assert [line for line in done.log.splitlines() if "comment" in line] == [words]
-    assert kind is GitLab or "markdown of show" in done.summary
+def test_refused_comment_is_one_line_and_no_failure(kind, more, words, tmp_path, api, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name, event in (("pull", {"pull_request": {"number": 7}}), ("push", {})):
+        Path(f"{name}.json").write_text(json.dumps(event))
+    github = {
+        "GITHUB_EVENT_PATH": "pull.json",
+        "GITHUB_API_URL": api.url,
+        "GITHUB_REPOSITORY": "me/robot",
+        "GITHUB_TOKEN": "token",
+    }
+    gitlab = {"CI_API_V4_URL": api.url, "CI_MERGE_REQUEST_PROJECT_ID": "5", "CI_MERGE_REQUEST_IID": "7"}
+    gitlab |= {"VASTFLOW_GITLAB_TOKEN": "token"}
+    for name in (*github, *gitlab):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in ((github if kind is GitHub else gitlab) | more).items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", "summary.md")
+    monkeypatch.setattr(sys, "argv", ["comment", "campaign", "", "gate.md", "campaign.md"])
+    main()
+    assert (capsys.readouterr().out, api.comments) == (f"{words}\n", [])
+    assert Path("summary.md").read_text().startswith("### campaign\n")
 
 
-@each_row("url", ["http://127.0.0.1:9", "http://127.0.0.1:9/not-there"])
-def test_server_that_is_away_is_one_line_and_no_failure(url, tmp_path, api):
-    api.url = url
-    done = GitHub(tmp_path / "host", api).run(CAMPAIGN)
-    assert (done.code, done.log.count("no comment: ")) == (0, 1) and "Traceback" not in done.log
-
-
-def test_comment_on_request_that_is_not_there_is_no_failure(tmp_path, api):
-    api.url += "/elsewhere"
-    done = GitHub(tmp_path / "host", api).run(CAMPAIGN)
-    assert (done.code, "no comment: the server answered 401" in done.log or "404" in done.log) == (0, True)
+def test_fork_gets_summary_and_no_comment(tmp_path, api):
+    done = GitHub(tmp_path / "host", api).run(CAMPAIGN, token="fork")
+    assert (done.code, api.comments) == (0, []) and "markdown of show" in done.summary
+    assert [line for line in done.log.splitlines() if "comment" in line] == [f"{REFUSED} 403 Forbidden"]
 
 
 def test_action_makes_no_comment_where_none_is_asked_for(tmp_path, api):
@@ -296,8 +321,7 @@ class Own(Oracle[Parameters]):
 
 
 @pytest.mark.slow
-@each_row("kind", HOSTS)
-def test_real_campaign_passes_unchanged_and_fails_by_gate_after_change(kind, tmp_path, api, prefect_home):
+def test_real_campaign_passes_unchanged_and_fails_by_gate_after_change(tmp_path, api, prefect_home):
     def campaign(campaign=WAITS, oracle=OWN):
         def fill(workspace):
             for name, text in (("`id`.vast", campaign), ("waits.osc", WAIT), ("own.py", oracle)):
@@ -305,14 +329,14 @@ def test_real_campaign_passes_unchanged_and_fails_by_gate_after_change(kind, tmp
 
         return fill
 
-    host = kind(tmp_path / "host", api, VASTFLOW)
+    host = GitHub(tmp_path / "host", api, VASTFLOW)
     own_place = {"PREFECT_HOME": str(prefect_home(tmp_path / "prefect")), "LC_ALL": "C.UTF-8"}
     inputs = {"campaign": "`id`.vast"}
     done = host.run(inputs, campaign(), is_default=True, **own_place)
     assert done.code == 0, done.log
     done = host.run(inputs, campaign(), **own_place)
     assert (done.code, "0 runs executed, 40 from the store" in done.log) == (0, True), done.log
-    assert "✅ **gate holds\\: nothing changed" in only(api.comments)
+    assert "✅ **gate holds: nothing changed" in only(api.comments)
     fails = OWN.replace("self.passed(trace)", 'self.failed(trace, "<b>@all</b>")')
     done = host.run(inputs, campaign(oracle=fails), **own_place)
     assert done.code == 1, done.log

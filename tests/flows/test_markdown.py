@@ -65,6 +65,7 @@ def check(name):
         assert visible(name) in visible(read.replace("\N{ZERO WIDTH SPACE}", ""))
         assert {each.tag for each in body.iter()} <= TAGS
         assert not LINKS.search(read)
+        assert all(each.isprintable() or each in "\n\N{ZERO WIDTH SPACE}" for each in source)
         assert not re.search(r"^\s*/", source, re.MULTILINE)
         assert len(body.findall(".//td")) <= 1
 

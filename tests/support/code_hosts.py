@@ -39,7 +39,7 @@ if command == "run" and code != 2:
     (directory / "metadata.json").touch()
     Path(os.environ["VASTFLOW_STORE"]).mkdir(parents=True, exist_ok=True)
 for option in ("--markdown", "--junit"):
-    if option in given:
+    if option in given and code != 2:
         Path(given[option]).write_text(f"{{option[2:]}} of {{command}}\\n")
 sys.exit(code)
 """
