@@ -4,17 +4,16 @@
 """
 
 import hashlib
-import json
 import os
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import httpx
 
 from vastflow.flows.terminal.markdown import escaped
+from vastflow.sim.model.files import is_file, read_json, read_text
 
 PAGE: Final = 100
 """Comments that one request returns, the most at both places."""
@@ -69,7 +68,7 @@ def thread_of(environment: Mapping[str, str]) -> Thread | None:
     if event := environment.get("GITHUB_EVENT_PATH"):
         token, number = (
             environment.get("GITHUB_TOKEN"),
-            json.loads(Path(event).read_text()).get("pull_request", {}).get("number"),
+            read_json(event).get("pull_request", {}).get("number"),
         )
     else:
         token, number = environment.get("VASTFLOW_GITLAB_TOKEN"), environment.get("CI_MERGE_REQUEST_IID")
@@ -96,7 +95,7 @@ def summary_of(name: str, report: str, gate: str, campaign: str) -> str:
 def main() -> None:
     """Write the summary and the comment; a comment that can't be written never fails the job."""
     name, report, *files = sys.argv[1:]
-    body = summary_of(name, report, *(Path(file).read_text() if Path(file).exists() else "" for file in files))
+    body = summary_of(name, report, *(read_text(file) if is_file(file) else "" for file in files))
     if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
         with open(summary, "a", encoding="utf-8") as file:
             file.write(body)
