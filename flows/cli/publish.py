@@ -1,8 +1,9 @@
 """The command `publish`: a campaign directory as one archive that others verify."""
 
+import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,6 +11,10 @@ from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, writing
 from vastflow.flows.terminal.options import DryRun, ResultsFolder
 from vastflow.sim.model.faults import UserError
+
+if TYPE_CHECKING:
+    from vastflow.flows.publication.about import About
+    from vastflow.flows.publication.zenodo import Deposit
 
 
 def publish(
@@ -44,6 +49,13 @@ def publish(
         list[str] | None,
         typer.Option(metavar="PATTERN", help="Opaque inputs to publish all the same (may be repeated)."),
     ] = None,
+    zenodo: Annotated[
+        bool,
+        typer.Option("--zenodo", help="Make a draft at Zenodo with the archive and a DOI; needs ZENODO_ACCESS_TOKEN."),
+    ] = False,
+    zenodo_at: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Make it at another server of InvenioRDM, or go on with this draft.")
+    ] = "",
     dry_run: DryRun = False,
 ) -> None:
     """Publish a campaign as one archive.
@@ -52,7 +64,12 @@ def publish(
     verify` checks it elsewhere.
     """
     check_directory(results)
-    if archive.exists():
+    deposit = None
+    if zenodo or zenodo_at:
+        from vastflow.flows.publication.zenodo import TOKEN, ZENODO, Deposit
+
+        deposit = Deposit(zenodo_at or ZENODO, os.environ.get(TOKEN, ""))
+    elif archive.exists():
         raise UserError(f"{archive}: expected a new file, got one that exists")
     with Interruptible(f"Interrupted. {archive} was not written."):
         from vastflow.flows.publication.about import about_of
@@ -77,7 +94,23 @@ def publish(
             return
         with writing(archive):
             written = write_publication(contents, about, archive)
-        print(f"{written.words}\npublished: {archive}, {written.files} files. Check it by `vastflow verify {archive}`.")
+        print(f"{written.words}\nwritten: {archive}, {written.files} files. Check it by `vastflow verify {archive}`.")
+    if deposit is not None:
+        with Interruptible(f"Interrupted. {archive} stays. A draft that is named above may lack it."):
+            _deposit(deposit, about, archive)
+
+
+def _deposit(deposit: "Deposit", about: "About", archive: Path) -> None:
+    try:
+        draft = deposit.describe(about)
+        print(f"draft: {deposit.address}, DOI {draft.doi or 'none'}")
+        for fault in draft.faults:
+            print(f"complete it there: {fault}")
+        deposit.upload(archive)
+    except UserError as error:
+        right = f"Repeat the command with --zenodo-at {deposit.address}"
+        raise UserError(f"{str(error).rstrip('.')}. {archive} stays, but is not uploaded: {right}.") from None
+    print(f"uploaded: {archive}. Nothing is published: Publish the draft there, or discard it.")
 
 
 def _ask(words: str) -> str:

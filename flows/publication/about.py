@@ -30,6 +30,11 @@ class Author:
         """Identifier in crate and provenance."""
         return f"https://orcid.org/{self.orcid}" if self.orcid else f"#{re.sub('[^A-Za-z0-9]+', '-', self.name)}"
 
+    @property
+    def is_person(self) -> bool:
+        """Whether the name is `Family, Given`, or has an ORCID."""
+        return bool(self.orcid) or "," in self.name
+
 
 @dataclass(frozen=True)
 class About:
@@ -43,6 +48,11 @@ class About:
     published: str
     version: str = ""
     publisher: str = ""
+
+    @property
+    def is_one_license(self) -> bool:
+        """Whether the license is a name of SPDX's list, and no expression of several."""
+        return self.license.replace("-", "").replace(".", "").isalnum() and not self.license.startswith("LicenseRef-")
 
 
 def orcid_of(text: str, where: str) -> str:

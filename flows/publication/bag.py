@@ -1,5 +1,6 @@
 """Bags (BagIt, RFC 8493) in zip archives: written with equal bytes for equal content, and read within limits."""
 
+import filecmp
 import hashlib
 import io
 import os
@@ -52,7 +53,7 @@ def write_bag(archive: Path, top: str, payload: Mapping[str, bytes | Path], info
         info: Lines of `bag-info.txt` beside the size of the payload.
 
     Raises:
-        UserError: a file changed meanwhile.
+        UserError: a file changed meanwhile, or the archive exists with other bytes.
         OSError: the archive can't be written.
     """
     entries = {f"{PAYLOAD}{place}": measured(content) for place, content in payload.items()}
@@ -73,6 +74,8 @@ def write_bag(archive: Path, top: str, payload: Mapping[str, bytes | Path], info
                 with opened(content) as source, written.open(info_of_entry, "w") as target:
                     if copied(source, target) != expected:
                         raise UserError(f"{name}: It changed while it was published. Try again.")
+        if archive.exists() and not filecmp.cmp(partial, archive, shallow=False):
+            raise UserError(f"{archive}: expected a new file, or the archive of these results, got another one")
         partial.replace(archive)
     finally:
         with suppress(OSError):

@@ -135,14 +135,13 @@ def _folder(campaign: str, name: str, files: Mapping[str, FileEntry]) -> dict[st
 
 def _author(author: Author) -> dict[str, Any]:
     affiliation = {"@id": f"#{quote(author.affiliation)}", "@type": "Organization", "name": author.affiliation}
-    about = {"@id": author.iri, "@type": "Person", "name": author.name}
+    about = {"@id": author.iri, "@type": "Person" if author.is_person else "Organization", "name": author.name}
     if not author.affiliation:
         return {**about, "_affiliation": None}
     return {**about, "affiliation": {"@id": affiliation["@id"]}, "_affiliation": affiliation}
 
 
 def _license(about: About) -> dict[str, str]:
-    is_single = about.license.replace("-", "").replace(".", "").isalnum()
-    place = f"https://spdx.org/licenses/{about.license}" if is_single else "#license"
+    place = f"https://spdx.org/licenses/{about.license}" if about.is_one_license else "#license"
     words = f"The results are licensed under {about.license} (SPDX)."
     return {"@id": place, "@type": "CreativeWork", "name": about.license, "description": words}

@@ -60,7 +60,8 @@ def provenance_of(
         vastflow = document.add("agent", "agent:vastflow", {**software, "prov:label": version})
         for author in authors:
             name = f"orcid:{author.orcid}" if author.orcid else f"agent:{author.iri.removeprefix('#')}"
-            document.add("agent", name, {"prov:type": "prov:Person", "prov:label": author.name})
+            kind = "prov:Person" if author.is_person else "prov:Organization"
+            document.add("agent", name, {"prov:type": kind, "prov:label": author.name})
             document.relate("actedOnBehalfOf", delegate=vastflow, responsible=name)
         for place, entry in sorted(files.items()):
             about = {SHA256: entry.sha256, "vastflow:bytes": entry.size, PUBLISHED: place in published}
