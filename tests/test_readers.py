@@ -35,6 +35,7 @@ ALLOWED: Final[dict[str, tuple[int, str]]] = {
     "flows/failure/report.py": (2, "a film that was just drawn, and a file of the installation"),
     "flows/failure/small_map.py": (1, "a picture that was just written"),
     "flows/publication/bag.py": (2, "an archive that is written, and one that was opened as a regular file"),
+    "flows/publication/card.py": (1, "a file of the installation"),
     "flows/results/address.py": (2, "metadata that was just written"),
     "flows/results/kept_report.py": (3, "the user's cache of reports, one of them through the mechanism"),
     "flows/run/reporting.py": (1, "this process' log"),

@@ -93,8 +93,8 @@ def publish(
         if dry_run:
             return
         with writing(archive):
-            written = write_publication(contents, about, archive)
-        print(f"{written.words}\nwritten: {archive}, {written.files} files. Check it by `vastflow verify {archive}`.")
+            words = write_publication(contents, about, archive)
+        print(f"{words}\nwritten: {archive}. Check it by `vastflow verify {archive}`.")
     if deposit is not None:
         with Interruptible(f"Interrupted. {archive} stays. A draft that is named above may lack it."):
             _deposit(deposit, about, archive)

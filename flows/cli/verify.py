@@ -3,12 +3,13 @@
 import secrets
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Final
 
 import typer
 
 from vastflow.flows.cli.consent import executing
-from vastflow.flows.terminal.ending import BAD_INPUT, Interruptible
+from vastflow.flows.terminal.ending import BAD_INPUT, Interruptible, writing
 from vastflow.sim.model.faults import UserError
 
 WRONG: Final = 1
@@ -37,13 +38,14 @@ def verify(
         raise UserError(f"--runs: expected a number or 'all', got {runs!r:.40}")
     number = None if runs == "all" else int(runs)
     with Interruptible("Interrupted. Nothing was shown."):
-        from vastflow.flows.publication.bag import opened_bag, scratch_folder
+        from vastflow.flows.publication.bag import opened_bag
         from vastflow.flows.publication.verification import check_files
 
-        with opened_bag(archive) as bag, scratch_folder(bag) as scratch:
-            directory = scratch / "campaign"
+        with opened_bag(archive) as bag, TemporaryDirectory(prefix="vastflow-") as scratch:
+            directory = Path(scratch) / "campaign"
             directory.mkdir()
-            found = check_files(bag, None if number == 0 else directory)
+            with writing(directory):
+                found = check_files(bag, None if number == 0 else directory)
             for name, what, why in found.wrong[:_SHOWN]:
                 print(f"{what}: {name} ({why})")
             if len(found.wrong) > _SHOWN:

@@ -31,6 +31,27 @@ PARTS: Final[Mapping[str, str]] = {
     "postprocessing": "What postprocessing steps wrote",
 }
 """Part, which is a folder except for tables, to its content."""
+TOP_FILES: Final[Mapping[str, str]] = {
+    "campaign.vast": "What was asked, as YAML",
+    "metadata.json": "Versions, numeric class, host, parameters of oracles and producers, counts, faults",
+    "configurations.parquet": "A row for each configuration: its scenario, factors, and digests",
+    "runs.parquet": "A row for each run: seed, outcome, simulated time, distance, contacts",
+    "verdicts.parquet": "A row for each run and oracle: judgment, reason, and metrics",
+    "runs_wide.parquet": "Runs, factors, verdicts, and metrics in one table",
+    "behaviors.parquet": "Status changes of the scenario's behaviors in each run",
+    "rejections.parquet": "Instances that could not be built, with reasons",
+    "exclusions.parquet": "Instances that constraints exclude",
+    "coverage.json": "How much of the requested space was realized",
+    "evidence.json": "Rates with intervals, by oracle, family, and configuration",
+    "events.jsonl": "What happened while the campaign ran",
+    "report.html": "The report",
+    "prov.json": "PROV of every artifact: what follows from what, with digests and keys",
+    "ro-crate-metadata.json": "This description for programs (RO-Crate 1.2, Process Run Crate)",
+    "README.md": "The data card",
+}
+"""Single file of the campaign directory or the archive to its content."""
+CAMPAIGN: Final = "campaign/"
+"""Place of the campaign directory in the payload."""
 KINDS: Final = ("private", "opaque", "public")
 """Kinds of inputs, the most careful first."""
 _TABLES: Final = frozenset({".parquet", ".json", ".jsonl", ".vast"})

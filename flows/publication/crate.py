@@ -1,19 +1,17 @@
 """The research object of a publication: RO-Crate 1.2 with the profile of Process Run Crate."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from datetime import datetime, timedelta
 from pathlib import PurePosixPath
 from typing import Any, Final
 from urllib.parse import quote
 
-from vastflow.flows.publication.about import About, Author
-from vastflow.flows.publication.contents import PARTS
+from vastflow.flows.publication.about import About
+from vastflow.flows.publication.contents import CAMPAIGN, PARTS, TOP_FILES
 from vastflow.tasks.store.artifact import FileEntry
 
 CRATE: Final = "ro-crate-metadata.json"
-_CONTEXT: Final = "https://w3id.org/ro/crate/1.2/context"
 _SPECIFICATION: Final = "https://w3id.org/ro/crate/1.2"
 _PROFILE: Final = "https://w3id.org/ro/wfrun/process/0.5"
 _MEDIA: Final = {
@@ -23,125 +21,113 @@ _MEDIA: Final = {
     ".html": "text/html",
     ".md": "text/markdown",
     ".vast": "application/yaml",
+    ".yaml": "application/yaml",
+    ".pgm": "image/x-portable-graymap",
 }
 
 
-@dataclass(frozen=True)
-class PublishedRun:
-    """The campaign as the crate's action: times, version of vastflow, and what was counted."""
-
-    name: str
-    version: str
-    created: str
-    wall_s: float
-    words: str
-
-
-def crate_of(about: About, ran: PublishedRun, files: Mapping[str, FileEntry], campaign: str) -> bytes:
+def crate_of(about: About, metadata: Mapping[str, Any], words: str, files: Mapping[str, FileEntry]) -> bytes:
     """Return the content of `ro-crate-metadata.json`.
 
-    Single files outside of folders are described one by one, folders by the pattern of their files: a campaign has up to 100,000.
+    Single files outside of folders are described one by one, folders by the number of their files: a campaign has up to 100,000.
 
     Args:
+        metadata: The campaign's `metadata.json`.
+        words: What was run and found.
         files: Place in the crate to digest and size.
-        campaign: Place of the campaign directory in the crate, with a slash.
     """
-    described = [_file(place, files[place]) for place in sorted(files) if "/" not in place.removeprefix(campaign)]
-    inputs = [_file(place, files[place]) for place in sorted(files) if place.startswith(f"{campaign}inputs/")]
-    folders = [
-        _folder(campaign, name, files) for name in PARTS if any(each.startswith(f"{campaign}{name}/") for each in files)
+    single = [_file(place, files[place]) for place in sorted(files) if "/" not in place.removeprefix(CAMPAIGN)]
+    inputs = [_file(place, files[place]) for place in sorted(files) if place.startswith(f"{CAMPAIGN}inputs/")]
+    folders = [_folder(name, own) for name in PARTS if (own := _below(f"{CAMPAIGN}{name}/", files))]
+    given = [each for each in single if each["@id"] == f"{CAMPAIGN}campaign.vast"] + inputs
+    results = [each for each in single if each["@id"].startswith(CAMPAIGN) and each not in given]
+    results += [each for each in folders if each["name"] != "inputs"]
+    people = [
+        _entity(
+            each.iri,
+            "Person" if each.is_person else "Organization",
+            name=each.name,
+            affiliation=_named(each.affiliation),
+        )
+        for each in about.authors
     ]
-    people = [_author(each) for each in about.authors]
-    organizations = {each["@id"]: each for person in people for each in [person.pop("_affiliation")] if each}
-    software, action = {"@id": "#vastflow"}, {"@id": "#campaign"}
-    given = {f"{campaign}campaign.vast", f"{campaign}inputs/"}
-    results = [each for each in (*described, *folders) if each["@id"].startswith(campaign) and each["@id"] not in given]
-    began = datetime.fromisoformat(ran.created)
-    graph: list[dict[str, Any]] = [
-        {
-            "@id": CRATE,
-            "@type": "CreativeWork",
-            "about": {"@id": "./"},
-            "conformsTo": {"@id": _SPECIFICATION},
-        },
-        {
-            "@id": "./",
-            "@type": "Dataset",
-            "conformsTo": {"@id": _PROFILE},
-            "name": about.title,
-            "description": about.description,
-            "datePublished": about.published,
-            "license": {"@id": _license(about)["@id"]},
-            "author": _references(people),
-            "keywords": list(about.keywords),
-            "hasPart": _references([*described, *folders, *inputs]),
-            "mentions": action,
-            **({"version": about.version} if about.version else {}),
-            **({"publisher": {"@id": "#publisher"}} if about.publisher else {}),
-        },
-        {"@id": _PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"},
-        _license(about),
+    names = dict.fromkeys(filter(None, [*(each.affiliation for each in about.authors), about.publisher]))
+    terms = f"https://spdx.org/licenses/{about.license}" if about.is_one_license else "#license"
+    began = datetime.fromisoformat(metadata["created"])
+    graph = [
+        _entity(CRATE, "CreativeWork", about={"@id": "./"}, conformsTo={"@id": _SPECIFICATION}),
+        _entity(
+            "./",
+            "Dataset",
+            conformsTo={"@id": _PROFILE},
+            name=about.title,
+            description=about.description,
+            datePublished=about.published,
+            license={"@id": terms},
+            author=_references(people),
+            keywords=list(about.keywords),
+            version=about.version,
+            publisher=_named(about.publisher),
+            hasPart=_references([*single, *folders, *inputs]),
+            mentions={"@id": "#campaign"},
+        ),
+        _entity(_PROFILE, ["CreativeWork", "Profile"], name="Process Run Crate", version="0.5"),
+        _entity(
+            terms, "CreativeWork", name=about.license, description=f"License {about.license} (SPDX) of the results."
+        ),
         *people,
-        *organizations.values(),
-        *([{"@id": "#publisher", "@type": "Organization", "name": about.publisher}] if about.publisher else []),
-        {
-            **action,
-            "@type": "CreateAction",
-            "name": f"Campaign {ran.name}",
-            "description": ran.words,
-            "instrument": software,
-            "agent": _references(people),
-            "object": _references([{"@id": f"{campaign}campaign.vast"}, *inputs]),
-            "result": _references(results),
-            "startTime": began.isoformat(),
-            "endTime": (began + timedelta(seconds=round(ran.wall_s))).isoformat(),
-            "actionStatus": {"@id": "http://schema.org/CompletedActionStatus"},
-        },
-        {
-            **software,
-            "@type": "SoftwareApplication",
-            "name": "vastflow",
-            "softwareVersion": ran.version,
-        },
-        *described,
+        *(_entity(f"#{quote(name)}", "Organization", name=name) for name in names),
+        _entity(
+            "#campaign",
+            "CreateAction",
+            name=f"Campaign {metadata['name']}",
+            description=words,
+            instrument={"@id": "#vastflow"},
+            agent=_references(people),
+            object=_references(given),
+            result=_references(results),
+            startTime=began.isoformat(),
+            endTime=(began + timedelta(seconds=round(metadata["counts"]["wall_s"]))).isoformat(),
+            actionStatus={"@id": "http://schema.org/CompletedActionStatus"},
+        ),
+        _entity(
+            "#vastflow",
+            "SoftwareApplication",
+            name="vastflow",
+            url="https://pypi.org/project/vastflow/",
+            version=metadata["vastflow"],
+        ),
+        *single,
         *folders,
         *inputs,
     ]
-    context = [_CONTEXT, {"sha256": "https://schema.org/sha256"}]
+    context = [f"{_SPECIFICATION}/context", {"sha256": "https://schema.org/sha256"}]
     return json.dumps({"@context": context, "@graph": graph}, indent=1, ensure_ascii=False).encode() + b"\n"
 
 
-def _references(entities: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+def _entity(place: str, kind: str | list[str], **properties: Any) -> dict[str, Any]:
+    """Return an entity without the properties that are empty."""
+    return {"@id": place, "@type": kind, **{key: value for key, value in properties.items() if value}}
+
+
+def _named(organization: str) -> dict[str, str]:
+    return {"@id": f"#{quote(organization)}"} if organization else {}
+
+
+def _references(entities: Iterable[Mapping[str, Any]]) -> list[dict[str, str]]:
     return [{"@id": each["@id"]} for each in entities]
 
 
 def _file(place: str, entry: FileEntry) -> dict[str, Any]:
-    media = _MEDIA.get(PurePosixPath(place).suffix)
-    return {
-        "@id": quote(place),
-        "@type": "File",
-        "name": PurePosixPath(place).name,
-        "contentSize": str(entry.size),
-        "sha256": entry.sha256,
-        **({"encodingFormat": media} if media else {}),
-    }
+    name = PurePosixPath(place).name
+    about = {"description": TOP_FILES.get(name), "encodingFormat": _MEDIA.get(PurePosixPath(place).suffix)}
+    return _entity(quote(place), "File", name=name, contentSize=str(entry.size), sha256=entry.sha256, **about)
 
 
-def _folder(campaign: str, name: str, files: Mapping[str, FileEntry]) -> dict[str, Any]:
-    own = [entry for place, entry in files.items() if place.startswith(f"{campaign}{name}/")]
-    words = f"{PARTS[name]}. {len(own):,} files, {sum(each.size for each in own):,} bytes."
-    return {"@id": f"{campaign}{name}/", "@type": "Dataset", "name": name, "description": words}
+def _below(folder: str, files: Mapping[str, FileEntry]) -> list[FileEntry]:
+    return [entry for place, entry in files.items() if place.startswith(folder)]
 
 
-def _author(author: Author) -> dict[str, Any]:
-    affiliation = {"@id": f"#{quote(author.affiliation)}", "@type": "Organization", "name": author.affiliation}
-    about = {"@id": author.iri, "@type": "Person" if author.is_person else "Organization", "name": author.name}
-    if not author.affiliation:
-        return {**about, "_affiliation": None}
-    return {**about, "affiliation": {"@id": affiliation["@id"]}, "_affiliation": affiliation}
-
-
-def _license(about: About) -> dict[str, str]:
-    place = f"https://spdx.org/licenses/{about.license}" if about.is_one_license else "#license"
-    words = f"The results are licensed under {about.license} (SPDX)."
-    return {"@id": place, "@type": "CreativeWork", "name": about.license, "description": words}
+def _folder(name: str, files: list[FileEntry]) -> dict[str, Any]:
+    words = f"{PARTS[name]}. {len(files):,} files, {sum(each.size for each in files):,} bytes."
+    return _entity(f"{CAMPAIGN}{name}/", "Dataset", name=name, description=words)

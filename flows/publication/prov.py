@@ -28,13 +28,26 @@ class _Document:
     def __init__(self) -> None:
         self.content: dict[str, dict[str, Any]] = {"prefix": _PREFIXES}
 
-    def add(self, kind: str, name: str, attributes: Mapping[str, Any]) -> str:
-        self.content.setdefault(kind, {})[name] = {key: each for key, each in attributes.items() if each is not None}
+    def add(self, kind: str, name: str, type_: str | None = None, label: str | None = None, **attributes: Any) -> str:
+        own = {"prov:type": type_, "prov:label": label} | {f"vastflow:{key}": each for key, each in attributes.items()}
+        self.content.setdefault(kind, {})[name] = {key: each for key, each in own.items() if each is not None}
         return name
 
     def relate(self, kind: str, **ends: str) -> None:
         relations = self.content.setdefault(kind, {})
         relations[f"_:{kind}{len(relations)}"] = {f"prov:{key}": end for key, end in ends.items()}
+
+    def act(self, name: str, used: Collection[str], made: Collection[str], **attributes: Any) -> None:
+        """Add an activity of vastflow, of whose entities only those count that exist."""
+        activity = self.add("activity", f"activity:{name}", **attributes)
+        self.relate("wasAssociatedWith", activity=activity, agent="agent:vastflow")
+        for each in filter(self.content["entity"].__contains__, used):
+            self.relate("used", activity=activity, entity=each)
+        for each in filter(self.content["entity"].__contains__, made):
+            self.relate("wasGeneratedBy", entity=each, activity=activity)
+
+    def derive(self, made: str, used: str) -> None:
+        self.relate("wasDerivedFrom", generatedEntity=made, usedEntity=used)
 
 
 def provenance_of(
@@ -54,92 +67,55 @@ def provenance_of(
     document = _Document()
     with reading(directory):
         metadata = read_json(directory / "metadata.json")
-        keys, source = recorded_keys(metadata), metadata["source"]
-        version = f"vastflow {metadata['vastflow']}"
-        software = {"prov:type": "prov:SoftwareAgent", "vastflow:version": metadata["vastflow"]}
-        vastflow = document.add("agent", "agent:vastflow", {**software, "prov:label": version})
+        keys, source, version = recorded_keys(metadata), metadata["source"], metadata["vastflow"]
+        document.add("agent", "agent:vastflow", "prov:SoftwareAgent", f"vastflow {version}", version=version)
         for author in authors:
             name = f"orcid:{author.orcid}" if author.orcid else f"agent:{author.iri.removeprefix('#')}"
-            kind = "prov:Person" if author.is_person else "prov:Organization"
-            document.add("agent", name, {"prov:type": kind, "prov:label": author.name})
-            document.relate("actedOnBehalfOf", delegate=vastflow, responsible=name)
+            document.add("agent", name, "prov:Person" if author.is_person else "prov:Organization", author.name)
+            document.relate("actedOnBehalfOf", delegate="agent:vastflow", responsible=name)
         for place, entry in sorted(files.items()):
-            about = {SHA256: entry.sha256, "vastflow:bytes": entry.size, PUBLISHED: place in published}
-            document.add("entity", f"{FILE}{place}", {"prov:type": f"vastflow:{_type_of(place)}", **about})
-
-        def act(name: str, used: Collection[str], made: Collection[str], **attributes: Any) -> None:
-            own = {f"vastflow:{key}": value for key, value in attributes.items()}
-            activity = document.add("activity", name, own)
-            document.relate("wasAssociatedWith", activity=activity, agent=vastflow)
-            for each in used:
-                document.relate("used", activity=activity, entity=each)
-            for each in made:
-                document.relate("wasGeneratedBy", entity=each, activity=activity)
-
-        given = [f"{FILE}{place}" for place in sorted(files) if place == "campaign.vast" or place.startswith("inputs/")]
+            top, _, below = place.partition("/")
+            kind = f"vastflow:{top.capitalize() if below else 'File'}"
+            about: dict[str, Any] = {"sha256": entry.sha256, "bytes": entry.size, "published": place in published}
+            document.add("entity", f"{FILE}{place}", kind, **about)
+        asked = f"{FILE}campaign.vast"
+        given = [asked, *(f"{FILE}{place}" for place in sorted(files) if place.startswith("inputs/"))]
         traces, evaluated = [], set[str]()
         for row in table_rows(directory / "configurations.parquet"):
             name, checked = row["name"], row["checked_digest"]
-            about = {
-                "vastflow:scenario": row["scenario_digest"],
-                "vastflow:checked": checked,
-                "vastflow:family": row["family"],
-            }
-            configuration = document.add(
-                "entity", f"configuration:{name}", {"prov:type": "vastflow:Configuration", **about}
-            )
+            about = {"scenario": row["scenario_digest"], "checked": checked, "family": row["family"]}
+            configuration = document.add("entity", f"configuration:{name}", "vastflow:Configuration", **about)
+            document.derive(configuration, asked)
             steps = [] if SEARCH in metadata else json.loads(row["steps"])
-            producers = metadata.get("producers", {}).get(row["family"], ())
-            for step, producer in zip(steps, producers, strict=False):
+            for step, producer in zip(steps, metadata.get("producers", {}).get(row["family"], ()), strict=False):
                 if "evaluation_source" not in producer or not step.get("inputs"):
                     continue
+                by = {"producer": producer["name"], "source": producer["evaluation_source"]}
                 content = recorded_value(producer["parameters"])
-                key = keys.evaluation(producer["evaluation_source"], producer["name"], content, step["inputs"])
+                key = keys.evaluation(by["source"], by["producer"], content, step["inputs"])
                 if key not in evaluated:
                     evaluated.add(key)
-                    made = document.add(
-                        "entity", f"key:{key}", {"prov:type": "vastflow:Evaluation", "vastflow:key": key}
-                    )
-                    about = {"producer": producer["name"], "source": producer["evaluation_source"]}
-                    act(f"activity:{key}", given, [made], stage="instantiate", inputs=step["inputs"], **about)
-                document.relate("wasDerivedFrom", generatedEntity=configuration, usedEntity=f"key:{key}")
-            document.relate("wasDerivedFrom", generatedEntity=configuration, usedEntity=f"{FILE}campaign.vast")
-            if row["duplicate_of"]:
-                document.relate(
-                    "alternateOf", alternate1=configuration, alternate2=f"configuration:{row['duplicate_of']}"
-                )
+                    made = document.add("entity", f"key:{key}", "vastflow:Evaluation", key=key)
+                    document.act(key, given, [made], stage="instantiate", inputs=step["inputs"], **by)
+                document.derive(configuration, f"key:{key}")
+            if other := row["duplicate_of"]:
+                document.relate("alternateOf", alternate1=configuration, alternate2=f"configuration:{other}")
                 continue
             recording, trace = f"{FILE}recordings/{name}.parquet", f"{FILE}traces/{name}.parquet"
-            made_of = {
-                "numeric_class": metadata["numeric_class"],
-                "seed": metadata["seed"],
-                "source": source["execute"],
-            }
             if recording in document.content["entity"]:
-                outcome = [recording, *_existing(document, f"{FILE}outputs/{name}.zip")]
-                act(
-                    f"activity:execute/{name}",
-                    [configuration],
-                    outcome,
-                    stage="execute",
-                    key=keys.recordings(checked),
-                    **made_of,
-                )
+                made_of = {
+                    "source": source["execute"],
+                    "numeric_class": metadata["numeric_class"],
+                    "seed": metadata["seed"],
+                }
+                outcome, key = [recording, f"{FILE}outputs/{name}.zip"], keys.recordings(checked)
+                document.act(f"execute/{name}", [configuration], outcome, stage="execute", key=key, **made_of)
             if trace in document.content["entity"]:
-                act(f"activity:observe/{name}", [recording], [trace], stage="observe", source=source["observe"])
+                document.act(f"observe/{name}", [recording], [trace], stage="observe", source=source["observe"])
                 traces.append(trace)
-        tables = _existing(document, *(f"{FILE}{name}.parquet" for name in ("verdicts", "runs", "runs_wide")))
+        tables = [f"{FILE}{name}.parquet" for name in ("verdicts", "runs", "runs_wide")]
         oracles = json.dumps(source.get("oracles", {}), sort_keys=True)
-        act("activity:judge", traces, tables, stage="judge", source=source["judge"], oracles=oracles)
+        document.act("judge", traces, tables, stage="judge", source=source["judge"], oracles=oracles)
         shown = ["evidence.json", "report.html", *(place for place in sorted(files) if place.startswith("figures/"))]
-        act("activity:report", tables, _existing(document, *(f"{FILE}{place}" for place in shown)), stage="report")
+        document.act("report", tables, [f"{FILE}{place}" for place in shown], stage="report")
     return json.dumps(document.content, indent=1, sort_keys=True, ensure_ascii=False).encode() + b"\n"
-
-
-def _existing(document: _Document, *names: str) -> list[str]:
-    return [name for name in names if name in document.content["entity"]]
-
-
-def _type_of(place: str) -> str:
-    top, _, below = place.partition("/")
-    return top.capitalize() if below else "File"

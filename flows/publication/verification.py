@@ -2,15 +2,17 @@
 
 import json
 import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
+from urllib.parse import unquote
 
-from vastflow.flows.publication.bag import MANIFEST, PAYLOAD, TAG_MANIFEST, Bag, UnusableArchive
+from vastflow.flows.publication.bag import MANIFEST, PAYLOAD, TAG_MANIFEST, Bag
+from vastflow.flows.publication.contents import CAMPAIGN
 from vastflow.flows.publication.crate import CRATE
 from vastflow.flows.publication.prov import FILE, PUBLISHED, SHA256
-from vastflow.flows.publication.publish import CAMPAIGN, PROVENANCE
+from vastflow.flows.publication.publish import PROVENANCE
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.evidence.headline import percent_text
 from vastflow.oracles.results.schema import table_rows
@@ -39,7 +41,7 @@ class CheckedFiles:
     Attributes:
         equal: Number of files whose digests are those of BagIt's manifests.
         described: Number of digests in crate and provenance that were compared.
-        wrong: Name of a file with what is wrong of it, and by which list.
+        wrong: Name of each wrong file, what is wrong of it, and by which list.
     """
 
     equal: int
@@ -57,65 +59,42 @@ def check_files(bag: Bag, folder: Path | None) -> CheckedFiles:
         UnusableArchive: a manifest is missing, too large, or no manifest.
     """
     manifest, tags = bag.manifest(MANIFEST), bag.manifest(TAG_MANIFEST)
-    listed = {**manifest, **tags}
-    wrong: list[tuple[str, Wrong, str]] = []
+    listed = {TAG_MANIFEST, *manifest, *tags}
     found: dict[str, FileEntry | None] = {}
+    wrong: dict[str, tuple[Wrong, str]] = {}
+
+    def compare(by: str, digests: Iterable[tuple[str, str]]) -> None:
+        for name, sha256 in digests:
+            if name not in found:
+                wrong.setdefault(name, ("missing", f"listed in {by}"))
+            elif (entry := found[name]) is not None and entry.sha256 != sha256:
+                wrong.setdefault(name, ("differs", f"by {by}"))
+
     for name in sorted(bag.files):
         place = name.removeprefix(FILES)
-        is_needed = folder is not None and name.startswith(FILES) and not place.startswith(_UNNEEDED)
+        is_needed = folder is not None and name != place and not place.startswith(_UNNEEDED)
         found[name] = bag.measured(name, folder / place if folder is not None and is_needed else None)
-        entry = found[name]
-        by = TAG_MANIFEST if name in tags else MANIFEST
-        if name not in listed and name != TAG_MANIFEST:
-            wrong.append(
-                (name, "extra", f"not in {MANIFEST}" if name.startswith(PAYLOAD) else f"not in {TAG_MANIFEST}")
-            )
-        elif entry is None:
-            wrong.append((name, "differs", "its bytes are damaged in the archive"))
-        elif name != TAG_MANIFEST and entry.sha256 != listed[name]:
-            wrong.append((name, "differs", f"by {by}"))
-    wrong += [
-        (name, "missing", f"listed in {TAG_MANIFEST if name in tags else MANIFEST}")
-        for name in listed
-        if name not in found
-    ]
-    described = 0
-    for source, promised in (("the crate", _crated(bag)), ("the provenance", _proven(bag))):
-        for name, sha256 in promised.items():
-            described += 1
-            entry = found.get(name)
-            if name not in found:
-                wrong.append((name, "missing", f"listed in {source}"))
-            elif entry is not None and entry.sha256 != sha256:
-                wrong.append((name, "differs", f"by {source}"))
-    once = {(name, what): (name, what, why) for name, what, why in reversed(wrong)}
-    names = {name for name, _ in once}
-    return CheckedFiles(len(found.keys() - names), described, sorted(once.values()))
+        if found[name] is None:
+            wrong[name] = "differs", "its bytes are damaged in the archive"
+        elif name not in listed:
+            wrong[name] = "extra", "in no manifest"
+    compare(MANIFEST, manifest.items())
+    compare(TAG_MANIFEST, tags.items())
+    described = [] if wrong.keys() & {f"{PAYLOAD}{CRATE}", f"{PAYLOAD}{PROVENANCE}"} else _described(bag)
+    compare("crate and provenance", described)
+    equal = len(found.keys() - wrong.keys() - {TAG_MANIFEST})
+    return CheckedFiles(equal, len(described), [(name, *wrong[name]) for name in sorted(wrong)])
 
 
-def _json(bag: Bag, name: str) -> Mapping[str, Any]:
+def _described(bag: Bag) -> list[tuple[str, str]]:
+    """Return the digests that crate and provenance have; raises `UnusableArchive` if they have another form."""
     try:
-        value = json_value(bag.read(f"{PAYLOAD}{name}"))
-    except Unreadable as error:
-        raise UnusableArchive(f"{bag.archive.filename}: {name}: {error}") from None
-    if not isinstance(value, dict):
-        raise UnusableArchive(f"{bag.archive.filename}: {name}: expected a JSON object, got {type(value).__name__}")
-    return value
-
-
-def _crated(bag: Bag) -> dict[str, str]:
-    from urllib.parse import unquote
-
-    entities = _json(bag, CRATE).get("@graph")
-    files = [each for each in entities if isinstance(each, dict)] if isinstance(entities, list) else []
-    return {f"{PAYLOAD}{unquote(str(each.get('@id')))}": str(each["sha256"]) for each in files if "sha256" in each}
-
-
-def _proven(bag: Bag) -> dict[str, str]:
-    entities = _json(bag, PROVENANCE).get("entity")
-    named = entities.items() if isinstance(entities, dict) else ()
-    files = ((name, each) for name, each in named if name.startswith(FILE) and isinstance(each, dict))
-    return {f"{FILES}{name.removeprefix(FILE)}": str(each.get(SHA256)) for name, each in files if each.get(PUBLISHED)}
+        crate, provenance = (json_value(bag.read(f"{PAYLOAD}{name}")) for name in (CRATE, PROVENANCE))
+        files = [(f"{PAYLOAD}{unquote(each['@id'])}", each["sha256"]) for each in crate["@graph"] if "sha256" in each]
+        entities = [(name, each) for name, each in provenance["entity"].items() if each.get(PUBLISHED)]
+        return files + [(f"{FILES}{name.removeprefix(FILE)}", each[SHA256]) for name, each in entities]
+    except (Unreadable, LookupError, TypeError, AttributeError) as error:
+        raise bag.fault(f"expected digests in {CRATE} and {PROVENANCE}, got {type(error).__name__}: {error}") from None
 
 
 @dataclass(frozen=True)

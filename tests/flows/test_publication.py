@@ -1,9 +1,13 @@
 """`vastflow publish` and `vastflow verify`: equal bytes, what is found wrong, and archives of strangers."""
 
+import contextlib
 import hashlib
 import io
 import json
+import os
+import pty
 import shutil
+import sys
 import zipfile
 from pathlib import Path
 
@@ -19,6 +23,7 @@ from vastflow.flows.publication.verification import undetected_share
 from vastflow.flows.results import trust
 from vastflow.flows.results.trust import ForeignCode, NotPermitted
 from vastflow.oracles.judgment.verdict import Verdict
+from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.replay import recorded as replayed
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.blocks import read_recordings, write_recordings
@@ -39,9 +44,11 @@ def results(tmp_path_factory):
 
     def found(configuration):
         recordings = [run(configuration.scenario, k, 5) for k in range(2)]
+        block = write_recordings(recordings)
         behaviors = write_behaviors({each.run.run_index: each.behaviors for each in recordings})
         verdicts = [Verdict("success", k, "fail") for k in range(2)]
-        return ConfigurationResult([write_recordings(recordings)], [], verdicts, behaviors=[behaviors])
+        traces = [observe_block(configuration.scenario, block)]
+        return ConfigurationResult([block], traces, verdicts, behaviors=[behaviors])
 
     return write_results(folder / "room.vast", folder / "results", found, tree=installed_tree()).directory
 
@@ -97,12 +104,49 @@ def test_crate_has_required_entities_of_specification(archive):
     action = entities[root["mentions"]["@id"]]
     assert action["@type"] == "CreateAction" and action["object"] and action["result"] and action["endTime"]
     assert entities[action["instrument"]["@id"]]["@type"] == "SoftwareApplication"
-    assert entities[action["instrument"]["@id"]]["softwareVersion"]
+    assert entities[action["instrument"]["@id"]]["version"]
     texts = json.dumps(crate["@graph"])
     referenced = {each.split('"')[0] for each in texts.split('{"@id": "')[1:]}
     assert {each for each in referenced - entities.keys() if "://" not in each} == set()
     files = [each["@id"] for each in entities.values() if each["@type"] == "File"]
     assert files and {*files} <= names
+
+
+def test_provenance_leads_another_reader_from_verdicts_to_campaign_file(archive):
+    """Walk from the verdicts to what they follow from, as the library `prov` reads it."""
+    model = pytest.importorskip("prov.model")
+    with zipfile.ZipFile(archive) as source:
+        names = source.namelist()
+        text, content = (
+            source.read(next(name for name in names if name.endswith(end))) for end in ("prov.json", "verdicts.parquet")
+        )
+    document = model.ProvDocument.deserialize(content=text.decode(), format="json")
+    origins = {}
+    for kind in (model.ProvGeneration, model.ProvUsage, model.ProvDerivation):
+        for each in document.get_records(kind):
+            later, earlier = (str(value) for _, value in each.formal_attributes[:2])
+            origins.setdefault(later, set()).add(earlier)
+    chain, paths = [], {"file:verdicts.parquet": None}
+    for node in (queue := ["file:verdicts.parquet"]):
+        for earlier in sorted(origins.get(node, set()) - paths.keys()):
+            paths[earlier] = node
+            queue.append(earlier)
+    node = "file:campaign.vast"
+    while node is not None:
+        chain.append(node)
+        node = paths[node]
+    assert [each.partition("/")[0] for each in chain[::-1]] == [
+        "file:verdicts.parquet",
+        "activity:judge",
+        "file:traces",
+        "activity:observe",
+        "file:recordings",
+        "activity:execute",
+        "configuration:room-1",
+        "file:campaign.vast",
+    ]
+    (verdicts,) = document.get_record("file:verdicts.parquet")
+    assert verdicts.get_attribute("vastflow:sha256") == {hashlib.sha256(content).hexdigest()}
 
 
 def test_verification_executes_all_runs_again(archive):
@@ -188,15 +232,15 @@ def zipped(*names, mode=0o100644, content=b"x"):
 @each_row(
     ("content", "words"),
     [
-        (b"no archive", "expected an archive"),
-        (zipped("/etc/x"), "expected a path inside the folder"),
-        (zipped("top/../../x"), "expected a path inside the folder"),
-        (zipped("top/link", mode=0o120777), "got a link"),
+        (b"no archive", "expected an archive of `vastflow publish`: File is not a zip"),
+        (zipped("/etc/x"), "is no path inside the folder"),
+        (zipped("top/../../x"), "is no path inside the folder"),
+        (zipped("top/link", mode=0o120777), "is a link"),
         (zipped("top/a", "top/a"), "twice"),
-        (zipped("top/a", "top/a/b"), "got both"),
-        (zipped("a/b", "c/d"), "expected one folder"),
+        (zipped("top/a", "top/a/b"), "is a file and a folder"),
+        (zipped("a/b", "c/d"), "it has 2 folders in place of one"),
         (zipped("top/bomb", content=bytes(200_000_000)), "a zip bomb"),
-        (zipped("top/a"), "without manifest-sha256.txt"),
+        (zipped("top/a"), "an archive without manifest-sha256.txt"),
         (zipped("top/manifest-sha256.txt", content=b"nonsense"), "a SHA-256 and a file"),
     ],
 )
@@ -266,6 +310,27 @@ def refused_after(*arguments):
 )
 def test_publication_names_missing_or_wrong_description(results, tmp_path, options, words):
     assert words in refused_after("publish", results, tmp_path / "a.zip", *options)
+
+
+def test_publication_asks_on_a_terminal_for_license_and_author(results, tmp_path):
+    """Type the answers into a real pseudo-terminal, as a user would."""
+    command = [sys.executable, "-m", "vastflow.flows.cli", "publish", str(results), str(tmp_path / "a.zip")]
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.execv(sys.executable, command)
+    shown = b""
+    for question, answer in ((b"License", b"CC-BY-4.0\n"), (b"Author", "Doe, Jörg; 0000-0002-1825-0097\n".encode())):
+        while question not in shown.rpartition(b"\n")[2]:
+            shown += os.read(terminal, 4096)
+        os.write(terminal, answer)
+    with contextlib.suppress(OSError):  # Linux's end of a terminal
+        while part := os.read(terminal, 4096):
+            shown += part
+    os.close(terminal)
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0, shown
+    with zipfile.ZipFile(tmp_path / "a.zip") as source:
+        card = source.read(next(name for name in source.namelist() if name.endswith("data/README.md"))).decode()
+    assert "- Doe, Jörg (https://orcid.org/0000-0002-1825-0097)" in card and "- License: CC-BY-4.0" in card
 
 
 def test_orcid_has_check_digit_x():
