@@ -42,9 +42,6 @@ def publish(
     private: Annotated[
         list[str] | None, typer.Option(metavar="PATTERN", help="Inputs to leave out (may be repeated).")
     ] = None,
-    opaque: Annotated[
-        list[str] | None, typer.Option(metavar="PATTERN", help="Inputs that nobody can rebuild (may be repeated).")
-    ] = None,
     allow_opaque: Annotated[
         list[str] | None,
         typer.Option(metavar="PATTERN", help="Opaque inputs to publish all the same (may be repeated)."),
@@ -78,7 +75,7 @@ def publish(
         from vastflow.flows.publication.publish import write_publication
         from vastflow.flows.terminal.display import print_rows, terminal_table
 
-        inputs = inputs_of(results, {"public": public or (), "private": private or (), "opaque": opaque or ()})
+        inputs = inputs_of(results, {"public": public or (), "private": private or ()})
         contents = contents_of(results, inputs, [each.strip() for each in without.split(",") if each.strip()])
         print_rows([terminal_table(("part",), ("files", "size"), rows=sizes_of(contents))])
         for each in inputs:
@@ -102,9 +99,9 @@ def publish(
 
 def _deposit(deposit: "Deposit", about: "About", archive: Path) -> None:
     try:
-        draft = deposit.describe(about)
-        print(f"draft: {deposit.address}, DOI {draft.doi or 'none'}")
-        for fault in draft.faults:
+        doi, faults = deposit.describe(about)
+        print(f"draft: {deposit.address}, DOI {doi or 'none'}")
+        for fault in faults:
             print(f"complete it there: {fault}")
         deposit.upload(archive)
     except UserError as error:

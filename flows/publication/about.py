@@ -57,8 +57,7 @@ class About:
 
 def orcid_of(text: str, where: str) -> str:
     """Return an ORCID without its address; raises `UserError` for another text or check digit (ISO 7064, MOD 11-2)."""
-    found = _ORCID.fullmatch(text.strip())
-    if found is None:
+    if (found := _ORCID.fullmatch(text.strip())) is None:
         raise UserError(f"{where}: expected an ORCID such as 0000-0002-1825-0097, got {text!r:.60}")
     orcid, total = found[1].upper(), 0
     for digit in orcid.replace("-", "")[:-1]:
@@ -68,16 +67,20 @@ def orcid_of(text: str, where: str) -> str:
     return orcid
 
 
-def author_of(text: str, where: str = "--author") -> Author:
-    """Read `Family, Given; ORCID; affiliation`, of which the name alone is needed; raises `UserError`."""
-    name, *others = (part.strip() for part in text.split(";"))
-    orcids = [part for part in others if _LIKE_ORCID.fullmatch(part)]
-    affiliations = [part for part in others if part and part not in orcids]
+def author_of(said: Any, where: str = "--author") -> Author:
+    """Read `Family, Given; ORCID; affiliation`, of which the name alone is needed, or an entry of RoboVAST's `metadata.creators`."""
+    if isinstance(said, dict):
+        own = said.get("identifiers") or ""
+        own = own[0] if isinstance(own, list) else own
+        own = str(own.get("orcid") or own.get("identifier") or "") if isinstance(own, dict) else str(own)
+        name, orcids, affiliations = str(said.get("name") or ""), [own] if own else [], [said.get("affiliation") or ""]
+    else:
+        name, *others = (part.strip() for part in str(said).split(";"))
+        orcids = [part for part in others if _LIKE_ORCID.fullmatch(part)]
+        affiliations = [part for part in others if part and part not in orcids]
     if not name or len(orcids) > 1 or len(affiliations) > 1:
-        raise UserError(
-            f"{where}: expected a name, one ORCID, and one affiliation with semicolons between them, got {text!r:.100}"
-        )
-    return Author(name, orcid_of(orcids[0], where) if orcids else "", "".join(affiliations))
+        raise UserError(f"{where}: expected 'name; ORCID; affiliation', of which the name is needed, got {said!r:.100}")
+    return Author(name, orcid_of(orcids[0], where) if orcids else "", "".join(map(str, affiliations)))
 
 
 def about_of(
@@ -97,47 +100,31 @@ def about_of(
         metadata = read_json(directory / "metadata.json")
         said = (yaml_value(read_text(directory / "campaign.vast")) or {}).get("metadata") or {}
         name, day = str(metadata["name"]), options["date"] or str(metadata["created"])[:10]
-    found = {key: options.get(key) or str(said.get(key) or "") for key in ("title", "description", "license")}
-    creators = said.get("creators") or []
-    people = [author_of(each) for each in authors]
-    people = people or [
-        _creator(each, k) for k, each in enumerate(creators if isinstance(creators, list) else [creators])
+        found = {key: str(said.get(key) or "") for key in ("title", "description", "license", "version", "publisher")}
+        found |= {key: value for key, value in options.items() if value}
+        words, creators = said.get("keywords") or (), said.get("creators") or []
+    people = [author_of(each) for each in authors] or [
+        author_of(each, f"campaign.vast: metadata.creators[{k}]")
+        for k, each in enumerate(creators if isinstance(creators, list) else [creators])
     ]
     if ask is not None:
         found["license"] = found["license"] or ask("License of the results (SPDX, such as CC-BY-4.0)")
         people = people or [author_of(ask("Author, as 'Family, Given; ORCID; affiliation'"), "author")]
     if not found["license"] or not people:
-        lack, option, key = ("author", "--author", "creators") if found["license"] else ("license",) * 3
-        raise UserError(f"no {lack}: Name one by --{option.lstrip('-')}, or by metadata.{key} in the campaign file.")
+        lack, key = ("author", "creators") if found["license"] else ("license", "license")
+        raise UserError(f"no {lack}: Name one by --{lack}, or by metadata.{key} in the campaign file.")
     try:
-        terms = canonicalize_license_expression(found["license"])
+        return About(
+            title=found["title"] or name,
+            description=found["description"] or f"Results of the campaign {name}.",
+            license=canonicalize_license_expression(found["license"]),
+            authors=people,
+            keywords=[each.strip() for each in (words.split(",") if isinstance(words, str) else map(str, words))],
+            published=date.fromisoformat(day).isoformat(),
+            version=found["version"],
+            publisher=found["publisher"],
+        )
     except InvalidLicenseExpression:
         raise UserError(f"license: expected SPDX such as CC-BY-4.0, got {found['license']!r:.60}") from None
-    try:
-        published = date.fromisoformat(day).isoformat()
     except ValueError:
         raise UserError(f"--date: expected a day such as 2026-01-31, got {day!r:.60}") from None
-    words = said.get("keywords") or ()
-    return About(
-        title=found["title"] or name,
-        description=found["description"] or f"Results of the campaign {name}.",
-        license=terms,
-        authors=people,
-        keywords=[each.strip() for each in (words.split(",") if isinstance(words, str) else map(str, words))],
-        published=published,
-        version=str(said.get("version") or ""),
-        publisher=str(said.get("publisher") or ""),
-    )
-
-
-def _creator(said: Any, number: int) -> Author:
-    """Read an entry of RoboVAST's `metadata.creators`, or a text as `author_of` does."""
-    where = f"campaign.vast: metadata.creators[{number}]"
-    if isinstance(said, str):
-        return author_of(said, where)
-    if not isinstance(said, dict) or not isinstance(said.get("name"), str):
-        raise UserError(f"{where}: expected name, identifiers, and affiliation, got {said!r:.100}")
-    own = said.get("identifiers") or ""
-    own = own[0] if isinstance(own, list) else own
-    orcid = str(own.get("orcid") or own.get("identifier") or "" if isinstance(own, dict) else own)
-    return Author(said["name"], orcid_of(orcid, where) if orcid else "", str(said.get("affiliation") or ""))

@@ -12,6 +12,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import IO, Final
 
@@ -39,10 +40,6 @@ _DAMAGE: Final = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImp
 """What a damaged or an encrypted file of an archive raises."""
 
 
-class UnusableArchive(UserError, ValueError):
-    """An archive can't be checked; the message says why in one sentence."""
-
-
 def write_bag(
     archive: Path,
     top: str,
@@ -68,9 +65,9 @@ def write_bag(
     tags = {"bagit.txt": _DECLARED, "bag-info.txt": lines.encode(), MANIFEST: _manifest(listed)}
     tags[TAG_MANIFEST] = _manifest({name: measured(content) for name, content in tags.items()})
     contents = {**{f"{PAYLOAD}{place}": content for place, content in payload.items()}, **tags}
-    partial = archive.with_name(f".{uuid.uuid4().hex}")
+    unfinished = archive.with_name(f".{uuid.uuid4().hex}")
     try:
-        with zipfile.ZipFile(partial, "x") as written:
+        with zipfile.ZipFile(unfinished, "x") as written:
             for name, content in sorted(contents.items()):
                 entry = zipfile.ZipInfo(f"{top}/{name}", _LONG_AGO)
                 entry.create_system, entry.external_attr = 3, (stat.S_IFREG | 0o644) << 16
@@ -78,12 +75,12 @@ def write_bag(
                 with opened(content) as source, written.open(entry, "w", force_zip64=True) as target:
                     if (found := copied(source, target)) != listed.get(name, found):
                         raise UserError(f"{name}: It changed while it was published. Try again.")
-        if archive.exists() and not filecmp.cmp(partial, archive, shallow=False):
+        if archive.exists() and not filecmp.cmp(unfinished, archive, shallow=False):
             raise UserError(f"{archive}: expected a new file, or the archive of these results, got another one")
-        partial.replace(archive)
+        unfinished.replace(archive)
     finally:
         with suppress(OSError):
-            partial.unlink()
+            unfinished.unlink()
 
 
 def opened(content: bytes | Path) -> IO[bytes]:
@@ -120,29 +117,20 @@ class Bag:
     archive: zipfile.ZipFile = field(repr=False)
     files: Mapping[str, zipfile.ZipInfo] = field(repr=False)
 
-    def fault(self, words: str) -> UnusableArchive:
-        """Return what is wrong of it as an exception."""
-        return UnusableArchive(f"{self.archive.filename}: {words}")
-
-    def read(self, name: str) -> bytes:
-        """Return the content of a file; raises `UnusableArchive` if it is missing, damaged, or too large."""
-        if name not in self.files or (size := self.files[name].file_size) > MOST_MANIFEST_BYTES:
-            got = f"{size:,}" if name in self.files else f"an archive without {name}"
-            raise self.fault(f"expected a bag with {name} of at most {MOST_MANIFEST_BYTES:,} bytes, got {got}")
-        try:
-            return self.archive.read(self.files[name])
-        except _DAMAGE as error:
-            raise self.fault(f"{name} is damaged: {error}") from None
-
     def manifest(self, name: str) -> dict[str, str]:
-        """Return the SHA-256 of each file that a manifest lists; raises as `read`, and for another text."""
-        listed: dict[str, str] = {}
-        for line in self.read(name).decode(errors="replace").removesuffix("\n").split("\n"):
-            if (found := _LINE.fullmatch(line)) is None:
-                raise self.fault(f"{name}: expected a SHA-256 and a file in each line, got {line[:60]!r}")
-            place = re.sub("%(0A|0D|25)", lambda each: chr(int(each[1], 16)), found[2], flags=re.IGNORECASE)
-            listed[place] = found[1].lower()
-        return listed
+        """Return the SHA-256 of each file that a manifest lists; raises `UserError` if it is missing, damaged, or no manifest."""
+        try:
+            if self.files[name].file_size > MOST_MANIFEST_BYTES:
+                raise ValueError(f"expected at most {MOST_MANIFEST_BYTES:,} bytes")
+            lines = self.archive.read(self.files[name]).decode(errors="replace").removesuffix("\n").split("\n")
+            found = [_LINE.fullmatch(line) or line for line in lines]
+            if wrong := [each for each in found if isinstance(each, str)]:
+                raise ValueError(f"expected a SHA-256 and a file in each line, got {wrong[0][:60]!r}")
+        except (*_DAMAGE, KeyError, ValueError) as error:
+            words = f"a bag without {name}" if isinstance(error, KeyError) else f"{name}: {error}"
+            raise UserError(f"{self.archive.filename}: {words}") from None
+        unescaped = partial(re.sub, "%(0A|0D|25)", lambda each: chr(int(each[1], 16)), flags=re.IGNORECASE)
+        return {unescaped(each[2]): each[1].lower() for each in found}
 
     def measured(self, name: str, target: Path | None = None) -> FileEntry | None:
         """Return digest and size of a file that may be copied to a `target`; None where it is damaged."""
@@ -161,7 +149,7 @@ def opened_bag(archive: Path) -> Iterator[Bag]:
     """Open a stranger's archive without unpacking anything.
 
     Raises:
-        UnusableArchive: it is no archive, or it has links, absolute or repeated names, too many files, or too much in them.
+        UserError: it is no archive, or it has links, absolute or repeated names, too many files, or too much in them.
     """
     with ExitStack() as stack:
         try:
@@ -169,7 +157,7 @@ def opened_bag(archive: Path) -> Iterator[Bag]:
             found = stack.enter_context(zipfile.ZipFile(file))
             files = _files_of(found, os.fstat(file.fileno()).st_size)
         except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError, MemoryError) as error:
-            raise UnusableArchive(f"{archive}: expected an archive of `vastflow publish`: {error}") from None
+            raise UserError(f"{archive}: expected an archive of `vastflow publish`: {error}") from None
         found.filename = str(archive)
         yield Bag(found, files)
 

@@ -151,20 +151,16 @@ def inputs_of(directory: Path, stated: Mapping[str, Sequence[str]]) -> list[Inpu
         if not isinstance(own, dict) or not all(key in KINDS and isinstance(each, list) for key, each in own.items()):
             raise ValueError(f"metadata.inputs: expected lists of names at {', '.join(KINDS)}, got {own!r:.100}")
         guessed = [*_files(directory), *_foreign(directory, campaign)]
+    rules = [(kind, str(each)) for said in (stated, own) for kind in KINDS for each in said.get(kind, ())]
     names = [each.name for each in guessed]
-    for pattern in [str(each) for patterns in (*own.values(), *stated.values()) for each in patterns]:
+    for _, pattern in rules:
         if not any(fnmatchcase(name, pattern) for name in names):
             raise UserError(message_of(f"no input matches {pattern!r}", did_you_mean(pattern, names)))
     found = []
     for each in guessed:
-        said = (kind for chosen in (stated, own) for kind in KINDS if _matches(each.name, chosen.get(kind, ())))
-        kind = next(said, each.kind)
+        kind = next((kind for kind, pattern in rules if fnmatchcase(each.name, pattern)), each.kind)
         found.append(Input(each.name, kind, (each.reason or "as stated") if kind == "opaque" else ""))
     return found
-
-
-def _matches(name: str, patterns: Iterable[object]) -> bool:
-    return any(fnmatchcase(name, str(pattern)) for pattern in patterns)
 
 
 def _files(directory: Path) -> Iterator[Input]:
@@ -186,16 +182,14 @@ def _is_known(path: Path) -> bool:
 
 def _foreign(directory: Path, campaign: Mapping[str, Any]) -> Iterator[Input]:
     """Yield the container image, and programs that runs started from elsewhere than the inputs, as their logs name them."""
-    image = str((campaign.get("execution") or {}).get("image") or "")
-    if image:
+    if image := str((campaign.get("execution") or {}).get("image") or ""):
         is_pinned = re.search("@sha256:[0-9a-f]{64}$", image)
         yield Input(image, "public") if is_pinned else Input(image, "opaque", "a container image without a digest")
     rows = table_rows(directory / "configurations.parquet", "name", "scenario")
     logs, own = KeptLogs(directory), {file.name for file in files_below(directory / "inputs")}
     started = (log for row in rows if '"programs":' in row["scenario"] for log in logs.of(row["name"]))
-    for program in dict.fromkeys(
-        str(text["command"][0]) for log in started for text in log["texts"] if text["command"]
-    ):
+    programs = (str(text["command"][0]) for log in started for text in log["texts"] if text["command"])
+    for program in dict.fromkeys(programs):
         name = PurePosixPath(program).name
         if name not in own and not _INTERPRETERS.fullmatch(name):
             yield Input(program, "opaque", "a program that is not among the inputs")
@@ -203,7 +197,9 @@ def _foreign(directory: Path, campaign: Mapping[str, Any]) -> Iterator[Input]:
 
 def refuse_opaque(inputs: Iterable[Input], allowed: Sequence[str]) -> None:
     """Raise `UserError` for opaque inputs that are not allowed."""
-    blocking = [each for each in inputs if each.kind == "opaque" and not _matches(each.name, allowed)]
+    blocking = [
+        each for each in inputs if each.kind == "opaque" and not any(fnmatchcase(each.name, by) for by in allowed)
+    ]
     if blocking:
         named = ", ".join(f"{each.name} ({each.reason})" for each in blocking)
         right = "Say --public or --private of each, or --allow-opaque to publish it as it is."

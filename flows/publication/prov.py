@@ -13,10 +13,6 @@ from vastflow.oracles.results.unusable import reading
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.store.artifact import FileEntry
 
-FILE: Final = "file:"
-"""Prefix of entities that are files, before their places in the campaign directory."""
-SHA256: Final = "vastflow:sha256"
-PUBLISHED: Final = "vastflow:published"
 _PREFIXES: Final = {
     name: f"urn:vastflow:{name}:" for name in ("vastflow", "file", "configuration", "key", "activity", "agent")
 } | {"orcid": "https://orcid.org/"}
@@ -77,9 +73,9 @@ def provenance_of(
             top, _, below = place.partition("/")
             kind = f"vastflow:{top.capitalize() if below else 'File'}"
             about: dict[str, Any] = {"sha256": entry.sha256, "bytes": entry.size, "published": place in published}
-            document.add("entity", f"{FILE}{place}", kind, **about)
-        asked = f"{FILE}campaign.vast"
-        given = [asked, *(f"{FILE}{place}" for place in sorted(files) if place.startswith("inputs/"))]
+            document.add("entity", f"file:{place}", kind, **about)
+        asked = "file:campaign.vast"
+        given = [asked, *(f"file:{place}" for place in sorted(files) if place.startswith("inputs/"))]
         traces, evaluated = [], set[str]()
         for row in table_rows(directory / "configurations.parquet"):
             name, checked = row["name"], row["checked_digest"]
@@ -101,21 +97,21 @@ def provenance_of(
             if other := row["duplicate_of"]:
                 document.relate("alternateOf", alternate1=configuration, alternate2=f"configuration:{other}")
                 continue
-            recording, trace = f"{FILE}recordings/{name}.parquet", f"{FILE}traces/{name}.parquet"
+            recording, trace = f"file:recordings/{name}.parquet", f"file:traces/{name}.parquet"
             if recording in document.content["entity"]:
                 made_of = {
                     "source": source["execute"],
                     "numeric_class": metadata["numeric_class"],
                     "seed": metadata["seed"],
                 }
-                outcome, key = [recording, f"{FILE}outputs/{name}.zip"], keys.recordings(checked)
+                outcome, key = [recording, f"file:outputs/{name}.zip"], keys.recordings(checked)
                 document.act(f"execute/{name}", [configuration], outcome, stage="execute", key=key, **made_of)
             if trace in document.content["entity"]:
                 document.act(f"observe/{name}", [recording], [trace], stage="observe", source=source["observe"])
                 traces.append(trace)
-        tables = [f"{FILE}{name}.parquet" for name in ("verdicts", "runs", "runs_wide")]
+        tables = [f"file:{name}.parquet" for name in ("verdicts", "runs", "runs_wide")]
         oracles = json.dumps(source.get("oracles", {}), sort_keys=True)
         document.act("judge", traces, tables, stage="judge", source=source["judge"], oracles=oracles)
         shown = ["evidence.json", "report.html", *(place for place in sorted(files) if place.startswith("figures/"))]
-        document.act("report", tables, [f"{FILE}{place}" for place in shown], stage="report")
+        document.act("report", tables, [f"file:{place}" for place in shown], stage="report")
     return json.dumps(document.content, indent=1, sort_keys=True, ensure_ascii=False).encode() + b"\n"

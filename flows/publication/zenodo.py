@@ -7,7 +7,6 @@ import re
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final
 from urllib.parse import quote, urlsplit
@@ -34,14 +33,6 @@ _REASONS: Final = {
 }
 
 
-@dataclass(frozen=True)
-class Draft:
-    """A draft that was described, with its reserved DOI; `faults` are what the server finds wrong of the description."""
-
-    doi: str
-    faults: list[str]
-
-
 class Deposit:
     """A draft at a server, which is described and gets its archive; raises `UserError` for whatever is refused."""
 
@@ -65,8 +56,8 @@ class Deposit:
         """Address of the draft, or of the server while there is none."""
         return f"{self._server}/uploads/{self._draft}" if self._draft else self._server
 
-    def describe(self, about: About) -> Draft:
-        """Make the draft, or describe the one that goes on, and reserve its DOI."""
+    def describe(self, about: About) -> tuple[str, list[str]]:
+        """Make the draft, or describe the one that goes on; return its reserved DOI, and what is wrong of the description."""
         body = {"access": {"record": "public", "files": "public"}, "files": {"enabled": True}}
         metadata = metadata_of(about, self._host)
         if self._draft:
@@ -79,8 +70,7 @@ class Deposit:
             self._draft = str(answer.get("id"))
             if not re.fullmatch(r"[\w-]+", self._draft, re.ASCII):
                 raise UserError(f"{self._server}: expected the id of a draft, got {self._draft!r:.60}")
-        doi = _doi(answer) or _doi(self._ask("POST", "/pids/doi"))
-        return Draft(doi, _faults(answer))
+        return _doi(answer) or _doi(self._ask("POST", "/pids/doi")), self._faults(answer)
 
     def upload(self, archive: Path) -> None:
         """Upload an archive in place of the file of its name, and compare what the server has of it."""
@@ -117,9 +107,8 @@ class Deposit:
             return answer
         own = {429: f"it asks to wait {wait_s:.0f} s", **dict.fromkeys(range(200, 300), "expected a JSON object")}
         own |= dict.fromkeys(range(300, 400), "expected no redirect, which is not followed")
-        said = [*_faults(_object(answer)), str(_object(answer).get("message") or "")]
+        said = [*self._faults(_object(answer)), self._plain(_object(answer).get("message") or "")]
         why = ", ".join(filter(None, [{**own, **_REASONS}.get(status, ""), *said])) or "no reason"
-        why = " ".join(why.replace(self._token, "…").split())
         raise UserError(f"{self._server}: {method} /api/records{below} was answered by {status}: {why:.600}")
 
     def _answer(
@@ -141,6 +130,16 @@ class Deposit:
                 f"{self._server}: no answer{f' in {SILENT_S:.0f} s' if is_late else f': {error}'}"
             ) from None
         return answer.status_code, answer.headers, content
+
+    def _faults(self, answer: Mapping[str, Any]) -> list[str]:
+        errors = map(_object, _list(answer.get("errors")))
+        said = [f"{each.get('field')}: {' '.join(map(str, _list(each.get('messages'))))}" for each in errors]
+        return [self._plain(each) for each in said]
+
+    def _plain(self, said: object) -> str:
+        """Return a server's words without the token, and without what moves a terminal's cursor."""
+        words = "".join(each if each.isprintable() else " " for each in str(said).replace(self._token, "…"))
+        return " ".join(words.split())[:300]
 
 
 def metadata_of(about: About, host: str) -> dict[str, Any]:
@@ -185,11 +184,6 @@ def _list(value: object) -> list[Any]:
 def _doi(answer: Mapping[str, Any]) -> str:
     found = str(_object(_object(answer.get("pids")).get("doi")).get("identifier"))
     return found if re.fullmatch(r"10\.[!-~]+", found) else ""
-
-
-def _faults(answer: Mapping[str, Any]) -> list[str]:
-    errors = map(_object, _list(answer.get("errors")))
-    return [f"{each.get('field')}: {' '.join(map(str, _list(each.get('messages'))))}" for each in errors]
 
 
 def _wait_s(headers: Mapping[str, str]) -> float:

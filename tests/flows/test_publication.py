@@ -172,7 +172,7 @@ def change_provenance(contents):
     ("change", "words"),
     [
         (change_data, "differs: data/campaign/metadata.json"),
-        (change_manifest, "differs: manifest-sha256.txt (by tagmanifest-sha256.txt)"),
+        (change_manifest, "differs: manifest-sha256.txt"),
         (change_provenance, "differs: data/prov.json"),
         (lambda contents: contents.pop("data/campaign/runs.parquet"), "missing: data/campaign/runs.parquet"),
         (lambda contents: contents.update({"data/more": b"x"}), "extra: data/more"),
@@ -240,7 +240,7 @@ def zipped(*names, mode=0o100644, content=b"x"):
         (zipped("top/a", "top/a/b"), "is a file and a folder"),
         (zipped("a/b", "c/d"), "it has 2 folders in place of one"),
         (zipped("top/bomb", content=bytes(200_000_000)), "a zip bomb"),
-        (zipped("top/a"), "an archive without manifest-sha256.txt"),
+        (zipped("top/a"), "a bag without manifest-sha256.txt"),
         (zipped("top/manifest-sha256.txt", content=b"nonsense"), "a SHA-256 and a file"),
     ],
 )

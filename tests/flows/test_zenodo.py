@@ -1,5 +1,6 @@
 """`vastflow publish --zenodo`: a draft with a DOI and the archive, at a strict server."""
 
+import contextlib
 import hashlib
 import time
 
@@ -96,14 +97,14 @@ def test_description_is_escaped_and_names_organizations_and_license_expressions(
 
 def test_described_draft_keeps_doi_and_additions_by_hand(server, archive):
     first = Deposit(server.url, TOKEN)
-    doi = first.describe(ABOUT).doi
+    doi, _ = first.describe(ABOUT)
     first.upload(archive)
     server.drafts["d1-x"]["metadata"]["languages"] = [{"id": "eng"}]
     again = Deposit(first.address, TOKEN)
-    draft = again.describe(About("Other", "D", "MIT", [Author("Doe, Jane")], [], "2026-01-31"))
+    later = again.describe(About("Other", "D", "MIT", [Author("Doe, Jane")], [], "2026-01-31"))
     archive.write_bytes(b"other")
     again.upload(archive)
-    assert (draft.doi, draft.faults) == (doi, [])
+    assert later == (doi, [])
     assert server.drafts["d1-x"]["pids"]["doi"]["identifier"] == doi
     assert server.drafts["d1-x"]["metadata"]["title"] == "Other"
     assert server.drafts["d1-x"]["metadata"]["languages"] == [{"id": "eng"}]
@@ -190,6 +191,7 @@ def test_addresses_are_encrypted_or_of_this_machine(address, is_right):
         ((201, {}, b"[" * 100_000), "201: expected a JSON object"),
         ((201, {}, b"1" * 20_000_000), "expected an answer of at most"),
         ((400, {}, {"message": f"Token {TOKEN} is odd.", "errors": [1, {"messages": 2}]}), "Token … is odd."),
+        ((400, {}, {"message": "\x1b[2J\nGone."}), "400: [2J Gone."),
         ((302, {"Location": "http://localhost:1/"}, b""), "302: expected no redirect, which is not followed"),
         ((429, {"Retry-After": "10000"}, b""), "429: it asks to wait 10000 s"),
         ((429, {"X-RateLimit-Reset": "inf"}, b""), "429: it asks to wait inf s"),
@@ -266,10 +268,18 @@ def test_too_large_archive_and_unknown_license_are_named(server, archive):
     deposit = Deposit(server.url, TOKEN)
     assert "MIT-0".lower() not in LICENSES
     about = About("Rooms", "D", "MIT-0", [Author("Doe, Jane")], [], "2026-01-31")
-    assert deposit.describe(about).faults == ["metadata.rights.0: Invalid value mit-0."]
+    assert deposit.describe(about)[1] == ["metadata.rights.0: Invalid value mit-0."]
     archive.write_bytes(bytes(MOST_BYTES + 1))
     with pytest.raises(UserError, match="413: expected a smaller file"):
         deposit.upload(archive)
+
+
+def test_deep_description_of_draft_is_no_traceback(server):
+    server.drafts["d1-x"] = {"pids": {}, "metadata": {}, "files": {}}
+    for levels in (50, 300, 600, 900, 980):
+        server.instead["GET .*draft"] = [(200, {}, b'{"metadata": {"x": %s}}' % (b"[" * levels + b"]" * levels))]
+        with contextlib.suppress(UserError):
+            Deposit(f"{server.url}/uploads/d1-x", TOKEN).describe(ABOUT)
 
 
 def test_draft_of_somebody_else_is_not_found(server):
