@@ -47,7 +47,7 @@ def verify(
             with writing(directory):
                 equal, wrong = check_files(bag, None if number == 0 else directory)
             for name, what in [*wrong.items()][:_SHOWN]:
-                print(f"{what}: {name}")
+                print(f"{what}: {repr(name)[1:-1]}")  # names of strangers may move the cursor
             print(f"digests: {equal} files equal, {len(wrong)} wrong")
             code = WRONG if wrong else 0
             if number != 0:

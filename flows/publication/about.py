@@ -79,7 +79,7 @@ def author_of(said: Any, where: str = "--author") -> Author:
         orcids = [part for part in others if _LIKE_ORCID.fullmatch(part)]
         affiliations = [part for part in others if part and part not in orcids]
     if not name or len(orcids) > 1 or len(affiliations) > 1:
-        raise UserError(f"{where}: expected 'name; ORCID; affiliation', of which the name is needed, got {said!r:.100}")
+        raise UserError(f"{where}: expected a name, one ORCID, and one affiliation, got {said!r:.100}")
     return Author(name, orcid_of(orcids[0], where) if orcids else "", "".join(map(str, affiliations)))
 
 

@@ -14,6 +14,7 @@ from vastflow.tasks.store.artifact import FileEntry
 CRATE: Final = "ro-crate-metadata.json"
 _SPECIFICATION: Final = "https://w3id.org/ro/crate/1.2"
 _PROFILE: Final = "https://w3id.org/ro/wfrun/process/0.5"
+_KINDS: Final = ("Organization", "Person")
 _MEDIA: Final = {
     ".parquet": "application/vnd.apache.parquet",
     ".json": "application/json",
@@ -38,17 +39,16 @@ def crate_of(about: About, metadata: Mapping[str, Any], words: str, files: Mappi
     """
     single = [_file(place, files[place]) for place in sorted(files) if "/" not in place.removeprefix(CAMPAIGN)]
     inputs = [_file(place, files[place]) for place in sorted(files) if place.startswith(f"{CAMPAIGN}inputs/")]
-    folders = [_folder(name, own) for name in PARTS if (own := _below(f"{CAMPAIGN}{name}/", files))]
+    folders = [
+        _folder(name, own)
+        for name in PARTS
+        if (own := [files[each] for each in files if each.startswith(f"{CAMPAIGN}{name}/")])
+    ]
     given = [each for each in single if each["@id"] == f"{CAMPAIGN}campaign.vast"] + inputs
     results = [each for each in single if each["@id"].startswith(CAMPAIGN) and each not in given]
     results += [each for each in folders if each["name"] != "inputs"]
     people = [
-        _entity(
-            each.iri,
-            "Person" if each.is_person else "Organization",
-            name=each.name,
-            affiliation=_named(each.affiliation),
-        )
+        _entity(each.iri, _KINDS[each.is_person], name=each.name, affiliation=_named(each.affiliation))
         for each in about.authors
     ]
     names = dict.fromkeys(filter(None, [*(each.affiliation for each in about.authors), about.publisher]))
@@ -122,10 +122,6 @@ def _file(place: str, entry: FileEntry) -> dict[str, Any]:
     name = PurePosixPath(place).name
     about = {"description": TOP_FILES.get(name), "encodingFormat": _MEDIA.get(PurePosixPath(place).suffix)}
     return _entity(quote(place), "File", name=name, contentSize=str(entry.size), sha256=entry.sha256, **about)
-
-
-def _below(folder: str, files: Mapping[str, FileEntry]) -> list[FileEntry]:
-    return [entry for place, entry in files.items() if place.startswith(folder)]
 
 
 def _folder(name: str, files: list[FileEntry]) -> dict[str, Any]:

@@ -57,7 +57,7 @@ class Deposit:
         return f"{self._server}/uploads/{self._draft}" if self._draft else self._server
 
     def describe(self, about: About) -> tuple[str, list[str]]:
-        """Make the draft, or describe the one that goes on; return its reserved DOI, and what is wrong of the description."""
+        """Make or describe the draft; return its reserved DOI and faults of the description."""
         body = {"access": {"record": "public", "files": "public"}, "files": {"enabled": True}}
         metadata = metadata_of(about, self._host)
         if self._draft:

@@ -175,7 +175,7 @@ def change_provenance(contents):
         (change_manifest, "differs: manifest-sha256.txt"),
         (change_provenance, "differs: data/prov.json"),
         (lambda contents: contents.pop("data/campaign/runs.parquet"), "missing: data/campaign/runs.parquet"),
-        (lambda contents: contents.update({"data/more": b"x"}), "extra: data/more"),
+        (lambda contents: contents.update({"data/more\x1b[2J": b"x"}), "extra: data/more\\x1b[2J"),
     ],
 )
 def test_verification_names_each_wrong_file(archive, tmp_path, change, words):
@@ -237,7 +237,6 @@ def zipped(*names, mode=0o100644, content=b"x"):
         (zipped("top/../../x"), "is no path inside the folder"),
         (zipped("top/link", mode=0o120777), "is a link"),
         (zipped("top/a", "top/a"), "twice"),
-        (zipped("top/a", "top/a/b"), "is a file and a folder"),
         (zipped("a/b", "c/d"), "it has 2 folders in place of one"),
         (zipped("top/bomb", content=bytes(200_000_000)), "a zip bomb"),
         (zipped("top/a"), "a bag without manifest-sha256.txt"),
