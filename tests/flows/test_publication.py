@@ -101,10 +101,11 @@ def test_crate_has_required_entities_of_specification(archive):
     assert root["@type"] == "Dataset" and all(root[key] for key in ("name", "description", "datePublished", "license"))
     assert {"name", "description"} <= entities[root["license"]["@id"]].keys()
     assert root["conformsTo"] == {"@id": "https://w3id.org/ro/wfrun/process/0.5"}
+    assert "Profile" in entities[root["conformsTo"]["@id"]]["@type"]
     action = entities[root["mentions"]["@id"]]
     assert action["@type"] == "CreateAction" and action["object"] and action["result"] and action["endTime"]
     assert entities[action["instrument"]["@id"]]["@type"] == "SoftwareApplication"
-    assert entities[action["instrument"]["@id"]]["version"]
+    assert entities[action["instrument"]["@id"]].keys() >= {"version", "url"}
     texts = json.dumps(crate["@graph"])
     referenced = {each.split('"')[0] for each in texts.split('{"@id": "')[1:]}
     assert {each for each in referenced - entities.keys() if "://" not in each} == set()
@@ -283,6 +284,7 @@ def test_private_map_is_left_out_with_its_environment(results, tmp_path):
         card = source.read(next(name for name in names if name.endswith("data/README.md"))).decode()
     assert not [name for name in names if name.endswith(".pgm") or "/environments/" in name]
     assert "- `inputs/room.pgm`: private" in card
+    assert "| `campaign/runs.parquet` | A row for each run" in card and "`campaign/environments/`" not in card
 
 
 def test_parts_are_left_out_and_shown_with_sizes(results, tmp_path):
