@@ -6,15 +6,19 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+from urllib.parse import unquote
 
 from vastflow.flows.publication.bag import MANIFEST, PAYLOAD, TAG_MANIFEST, Bag
 from vastflow.flows.publication.contents import CAMPAIGN
+from vastflow.flows.publication.crate import CRATE
+from vastflow.flows.publication.publish import PROVENANCE
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.evidence.headline import percent_text
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.unusable import reading
 from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.files import json_value
 from vastflow.tasks.engine.child import Child
 
 FILES: Final = f"{PAYLOAD}{CAMPAIGN}"
@@ -28,7 +32,7 @@ _UNNEEDED: Final = ("figures/", "traces/", "logs/", "outputs/", "postprocessing/
 
 
 def check_files(bag: Bag, folder: Path | None) -> tuple[int, dict[str, str]]:
-    """Compare every file with the manifests; return the number of equal ones, and what is wrong of each other one.
+    """Compare every file with manifests, crate, and provenance; return the number of equal ones, and what is wrong of each other one.
 
     Args:
         folder: Where what an execution needs of the campaign directory is unpacked; None to unpack nothing.
@@ -38,15 +42,38 @@ def check_files(bag: Bag, folder: Path | None) -> tuple[int, dict[str, str]]:
     """
     listed = bag.manifest(MANIFEST) | bag.manifest(TAG_MANIFEST)
     wrong = dict.fromkeys(listed.keys() - bag.files.keys(), "missing")
+    found: dict[str, str] = {}
     for name in bag.files:
         place = name.removeprefix(FILES)
         is_needed = folder is not None and name != place and not place.startswith(_UNNEEDED)
         entry = bag.measured(name, folder / place if folder is not None and is_needed else None)
+        found |= {} if entry is None else {name: entry.sha256}
         if name not in listed and name != TAG_MANIFEST:
             wrong[name] = "extra"
         elif entry is None or entry.sha256 != listed.get(name, entry.sha256):
             wrong[name] = "differs"
+    for description, digests in ((CRATE, _crated), (PROVENANCE, _proven)):
+        name = f"{PAYLOAD}{description}"
+        if name not in found or name in wrong:
+            continue
+        try:
+            promised = digests(json_value(bag.archive.read(bag.files[name])))
+        except (ValueError, TypeError, AttributeError, KeyError):
+            wrong[name] = "no description of files"
+        else:
+            differ = (each for each, digest in promised.items() if found.get(each) != digest)
+            wrong |= {each: f"not as {description} has it" for each in differ if each not in wrong}
     return len(bag.files.keys() - wrong.keys() - {TAG_MANIFEST}), dict(sorted(wrong.items()))
+
+
+def _crated(crate: Any) -> dict[str, str]:
+    files = (each for each in crate["@graph"] if "sha256" in each)
+    return {f"{PAYLOAD}{unquote(each['@id'])}": each["sha256"] for each in files}
+
+
+def _proven(provenance: Any) -> dict[str, str]:
+    files = {name: each for name, each in provenance["entity"].items() if each.get("vastflow:published")}
+    return {f"{FILES}{name.removeprefix('file:')}": each["vastflow:sha256"] for name, each in files.items()}
 
 
 @dataclass(frozen=True)

@@ -184,6 +184,25 @@ def test_verification_names_each_wrong_file(archive, tmp_path, change, words):
     assert (done.exit_code, words in done.stdout) == (1, True), done.output
 
 
+@each_row(
+    ("place", "old", "words"),
+    [
+        ("ro-crate-metadata.json", b'"sha256": "', "not as ro-crate-metadata.json has it: data/"),
+        ("prov.json", b'"vastflow:sha256": "', "not as prov.json has it: data/campaign/"),
+        ("prov.json", b'"entity', "no description of files: data/prov.json"),
+    ],
+)
+def test_verification_compares_descriptions_with_files_too(archive, tmp_path, place, old, words):
+    def describe(contents):
+        name = f"data/{place}"
+        begin = contents[name].rindex(old) + len(old)
+        new = b"0" * 64 if old.endswith(b': "') else b"s"
+        replace_digest(contents, name, contents[name][:begin] + new + contents[name][begin + len(new) :])
+
+    done = called("verify", rewritten(archive, tmp_path / "wrong.zip", describe), "--runs", "0")
+    assert (done.exit_code, words in done.stdout) == (1, True), done.output
+
+
 def forge(contents):
     """Change one value of a recording, and every list of digests with it."""
     name = next(each for each in contents if "/recordings/" in each)
