@@ -94,7 +94,6 @@ def crate_of(about: About, metadata: Mapping[str, Any], words: str, files: Mappi
             "#vastflow",
             "SoftwareApplication",
             name="vastflow",
-            url="https://pypi.org/project/vastflow/",
             version=metadata["vastflow"],
         ),
         *single,

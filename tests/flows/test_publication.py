@@ -105,7 +105,7 @@ def test_crate_has_required_entities_of_specification(archive):
     action = entities[root["mentions"]["@id"]]
     assert action["@type"] == "CreateAction" and action["object"] and action["result"] and action["endTime"]
     assert entities[action["instrument"]["@id"]]["@type"] == "SoftwareApplication"
-    assert entities[action["instrument"]["@id"]].keys() >= {"version", "url"}
+    assert entities[action["instrument"]["@id"]].keys() >= {"name", "version"}
     texts = json.dumps(crate["@graph"])
     referenced = {each.split('"')[0] for each in texts.split('{"@id": "')[1:]}
     assert {each for each in referenced - entities.keys() if "://" not in each} == set()
