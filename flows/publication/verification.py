@@ -32,7 +32,7 @@ _UNNEEDED: Final = ("figures/", "traces/", "logs/", "outputs/", "postprocessing/
 
 
 def check_files(bag: Bag, folder: Path | None) -> tuple[int, dict[str, str]]:
-    """Compare every file with manifests, crate, and provenance; return the number of equal ones, and what is wrong of each other one.
+    """Compare each file with manifests, crate, and provenance; return the number of equal ones and what is wrong of others.
 
     Args:
         folder: Where what an execution needs of the campaign directory is unpacked; None to unpack nothing.
