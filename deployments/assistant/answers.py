@@ -35,26 +35,16 @@ _HOW: Final = (
     "if they were run again, `others` for others of their kind; null where nothing follows."
 )
 _MEANINGS: Final[Mapping[str, str]] = {
-    "configuration": "name of the scenario that was run",
-    "family": "family of the campaign file, or search",
-    "run_index": "number of the run, with a seed of its own",
     "passed": "joint verdict of all oracles; NULL is not judged, neither passed nor failed",
-    "outcome": "end of the mission",
-    "reason": "words for the end of the mission",
     "cause": "cause of a failed run, see `failures`",
     "stood_still": "why the robot never moved; NULL if it moved",
-    "simulated_s": "simulated time until the end",
-    "distance_m": "distance driven",
-    "recoveries": "recoveries of the navigation stack",
     "missed_goals": "goals that were given up",
-    "contacts": "number of contacts",
     "purpose": "search, or confirmation of the best point by fresh runs",
     "metric": "metric of the oracle before the dot",
-    "factor": "factor of the campaign",
     "path": "property of the drawn path",
     "verdict": "verdict of this oracle; NULL is not judged",
 }
-"""Meanings of columns by their names, or else by their groups."""
+"""Meanings of columns whose names don't tell them, by name or group."""
 
 Campaign: TypeAlias = Annotated[str, Field(description=_CAMPAIGN)]
 Configuration: TypeAlias = Annotated[str, Field(description="Name of a configuration; empty: all.")]
@@ -313,8 +303,9 @@ def _rate(group: "Group") -> dict[str, Any]:
 
 
 def _column(column: Column) -> dict[str, Any]:
-    meaning = _MEANINGS.get(column.name) or _MEANINGS.get(column.group, "")
-    told: dict[str, Any] = {"name": column.name, "group": column.group, "unit": column.unit, "meaning": meaning}
+    told: dict[str, Any] = {"name": column.name, "group": column.group, "unit": column.unit}
+    if meaning := _MEANINGS.get(column.name) or _MEANINGS.get(column.group):
+        told["meaning"] = meaning
     if column.levels is not None:
         return {**told, "levels": len(column.levels), "some": [each[:80] for each in column.levels[:MOST_LEVELS]]}
     known = column.values[~column.missing]

@@ -8,12 +8,12 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Final
 
-from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.datastructures import Headers
+from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from vastflow.deployments.explorer.directories import Directories
-from vastflow.deployments.explorer.security import HOST, is_one_of
+from vastflow.deployments.explorer.security import is_one_of
 from vastflow.deployments.explorer.serving import LOOPBACK, listen
 from vastflow.oracles.results.unfinished import final_of
 from vastflow.sim.model.faults import UserError
@@ -23,34 +23,25 @@ TOKEN: Final = "VASTFLOW_MCP_TOKEN"
 """Variable with the token of a server over HTTP."""
 PATH: Final = "/mcp"
 MOST_BODY_BYTES: Final = 1 << 20
+_REFUSED: Final = "Send the header Authorization: Bearer TOKEN, with the token that the server printed when it started."
 _TOKEN_BYTES: Final = 24
 _LEAST_TOKEN: Final = 16
 
 
 class Bearer:
-    """An application that answers requests with a token in their header, to this machine by its own names."""
+    """An application that answers requests with a token in their header."""
 
     def __init__(self, app: ASGIApp, token: str) -> None:
         self._app, self._token = app, token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or hand it on."""
-        if scope["type"] == "http":
-            await (self._refusal(Request(scope)) or self._app)(scope, receive, send)
-        elif scope["type"] == "lifespan":
-            await self._app(scope, receive, send)
-
-    def _refusal(self, request: Request) -> Response | None:
-        host, origin = (request.headers.get(name, "") for name in ("host", "origin"))
-        if not HOST.fullmatch(host):
-            return JSONResponse({"error": "This server answers at 127.0.0.1 and localhost only."}, 421)
-        if origin and origin != f"http://{host}":
-            return JSONResponse({"error": "Requests of other pages are refused."}, 403)
-        scheme, _, given = request.headers.get("authorization", "").partition(" ")
-        if scheme.lower() == "bearer" and is_one_of(given.strip(), (self._token,)):
-            return None
-        words = "Send the header Authorization: Bearer TOKEN, with the token that the server printed when it started."
-        return JSONResponse({"error": words}, 401, {"WWW-Authenticate": "Bearer"})
+        app = self._app
+        if scope["type"] != "lifespan":
+            scheme, _, given = Headers(scope=scope).get("authorization", "").partition(" ")
+            if scheme.lower() != "bearer" or not is_one_of(given.strip(), (self._token,)):
+                app = JSONResponse({"error": _REFUSED}, 401, {"WWW-Authenticate": "Bearer"})
+        await app(scope, receive, send)
 
 
 def serve(roots: Sequence[Path], port: int | None, *, allow_run: bool, workspace: Path | None) -> None:
@@ -93,7 +84,10 @@ def serve(roots: Sequence[Path], port: int | None, *, allow_run: bool, workspace
         token, listening = given or secrets.token_urlsafe(_TOKEN_BYTES), stack.enter_context(listen(port))
         print(f"http://{LOOPBACK}:{listening.getsockname()[1]}{PATH}", file=sys.stderr)
         print(f"token: that of {TOKEN}" if given else f"token: {token}", file=sys.stderr, flush=True)
-        app = server.streamable_http_app(streamable_http_path=PATH, max_request_body_size=MOST_BODY_BYTES)
+        # It answers at this machine's own names alone, and to pages of none but this machine.
+        app = server.streamable_http_app(
+            host=LOOPBACK, streamable_http_path=PATH, max_request_body_size=MOST_BODY_BYTES
+        )
         os.chdir(os.sep)
         os.environ[SAFE_PATH] = "1"
         config = uvicorn.Config(Bearer(app, token), log_level="warning", access_log=False, server_header=False)

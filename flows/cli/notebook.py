@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from vastflow.flows.terminal.ending import Interruptible, writing
-from vastflow.flows.terminal.options import ResultsFolder, configuration_names, run_names
+from vastflow.flows.terminal.options import ResultsFolder, configuration_and_run, configuration_names, run_names
 from vastflow.sim.model.faults import UserError
 
 
@@ -40,15 +40,13 @@ def notebook(
         if execute and (name := missing_library()):
             raise UserError(f"{name} is missing. Call pip install 'vastflow[notebook]', or use --no-execute.")
         check_directory(results)
-        name, slash, index = run.partition("/")
-        if run and not (slash and index.isascii() and index.isdigit()):
-            raise UserError(f"--run: expected CONFIGURATION/RUN, such as room-1/0, got {run!r}")
-        if name := configuration or name:
+        name, index = configuration_and_run(run) if run else (configuration, 0)
+        if name:
             configuration_row(results, name)  # or says that there is none
         where = results.resolve()
-        values: dict[str, Any] = {"RESULTS": str(where), "CONFIGURATION": name, "RUN": int(index or 0)}
+        values: dict[str, Any] = {"RESULTS": str(where), "CONFIGURATION": name, "RUN": index}
         text = shipped("run" if run else "config" if name else "campaign")
-        place = folder / "-".join(filter(None, (where.name, name, index)))
+        place = folder / "-".join(filter(None, (where.name, name, str(index) * bool(run))))
         file = place.with_name(f"{place.name}.ipynb")
         if file.exists():
             raise UserError(f"{file}: expected a new file, got one that exists. Remove it, or name another --folder.")

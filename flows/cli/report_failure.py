@@ -10,7 +10,7 @@ from vastflow.flows.cli.consent import Trust, executing
 from vastflow.flows.cli.run import computing
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, check_writable, writing
-from vastflow.flows.terminal.options import ResultsFolder, asking, run_names
+from vastflow.flows.terminal.options import ResultsFolder, asking, configuration_and_run, run_names
 from vastflow.sim.model.faults import UserError
 
 FOR_S: Final = 300.0
@@ -47,11 +47,7 @@ def report_failure(
     ROS 2 messages, and a film. Needs the extra `ros`.
     """
     check_directory(results)
-    configuration, _, index = run.rpartition("/")
-    if not (configuration and index.isdecimal() and len(index) < 10):
-        raise UserError(
-            f"CONFIGURATION/RUN: expected a configuration and the index of a run, as in room-1/3, got {run!r}"
-        )
+    configuration, index = configuration_and_run(run)
     place = out or results / "failures" / f"{configuration}-{index}"
     check_writable(place.parent, "OUT")
     from vastflow.flows.export.export import refuse
@@ -66,7 +62,7 @@ def report_failure(
         from vastflow.flows.failure.report import Minimization, minimized, report_of
         from vastflow.flows.results.inputs import write_files
 
-        failed = failed_run(results, configuration, int(index))
+        failed = failed_run(results, configuration, index)
         typestore()  # a missing extra is said before runs are executed
         found = Minimization({}, "It is not minimized: --no-minimize was given.")
         if not no_minimize:

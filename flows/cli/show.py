@@ -9,7 +9,7 @@ import typer
 
 from vastflow.flows.cli.store import StoreOption
 from vastflow.flows.terminal.ending import INTERRUPTED, Interruptible
-from vastflow.flows.terminal.options import AsJson, Markdown, PlaceOfResults, run_names
+from vastflow.flows.terminal.options import AsJson, Markdown, PlaceOfResults, configuration_and_run, run_names
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 
@@ -95,10 +95,7 @@ def _show_lineage(directory: Path, run: str, place: str | None, as_json: bool) -
     from vastflow.flows.terminal.display import print_rows, terminal_table
     from vastflow.tasks.store.store import open_store
 
-    configuration, _, index = run.rpartition("/")
-    if not configuration or not index.isdigit():
-        raise UserError(f"expected CONFIGURATION/RUN, such as room-1/0, got {run!r}")
-    steps = lineage_of(directory, configuration, int(index), open_store(place, read_only=True))
+    steps = lineage_of(directory, *configuration_and_run(run), open_store(place, read_only=True))
     if as_json:
         print(json.dumps([step.as_json() for step in steps], ensure_ascii=False))
     else:

@@ -16,14 +16,12 @@ Bounds: TypeAlias = tuple[float, float, float, float]
 """x0, y0, x1, y1 in the map frame (m)."""
 FOLDER: Final = "map"
 """Folder of a candidate's map, see `vastflow.flows.analysis.candidate_file`."""
-LEAST_GAIN: Final = 0.1
-"""Least share of its cells that a cut takes from a map."""
 
 
 def with_small_map(files: Files, bounds: Bounds | None = None) -> dict[str, bytes]:
     """Return files with the map in fewer bytes, cut to whole cells around `bounds`, its origin moved with its corner.
 
-    A map that is no picture in 8 bits of gray stays as it is; one that is turned, or would be hardly smaller, is not cut.
+    A map that is no picture in 8 bits of gray stays as it is; one that is turned is not cut.
     """
     found = dict(files)
     place = next((each for each in files if PurePosixPath(each).parts[0] == FOLDER and each.endswith("ml")), None)
@@ -34,8 +32,8 @@ def with_small_map(files: Files, bounds: Bounds | None = None) -> dict[str, byte
     picture: Image.Image = Image.open(io.BytesIO(files[image]))
     if picture.mode != "L":
         return found
-    if bounds is not None and (box := _box(header["origin"], float(header["resolution"]), picture.size, bounds)):
-        left, top, right, bottom = box
+    if bounds is not None and not any(header["origin"][2:]):
+        left, top, right, bottom = _box(header["origin"], float(header["resolution"]), picture.size, bounds)
         (x_m, y_m, *rest), resolution_m = header["origin"], float(header["resolution"])
         origin = [round(x_m + left * resolution_m, 9), round(y_m + (picture.height - bottom) * resolution_m, 9), *rest]
         header, picture = {**header, "origin": origin}, picture.crop((left, top, right, bottom))
@@ -48,16 +46,11 @@ def with_small_map(files: Files, bounds: Bounds | None = None) -> dict[str, byte
     return found
 
 
-def _box(
-    origin: list[float], resolution_m: float, size: tuple[int, int], bounds: Bounds
-) -> tuple[int, int, int, int] | None:
-    """Return left, upper, right, and lower pixel of a cut; None where the map stays whole."""
-    if any(origin[2:]):
-        return None
+def _box(origin: list[float], resolution_m: float, size: tuple[int, int], bounds: Bounds) -> tuple[int, int, int, int]:
+    """Return left, upper, right, and lower pixel of a cut, at most those of the map."""
     (width, height), (x0, y0, x1, y1) = size, bounds
     left = max(0, math.floor((x0 - origin[0]) / resolution_m))
     right = min(width, math.ceil((x1 - origin[0]) / resolution_m))
     low = max(0, math.floor((y0 - origin[1]) / resolution_m))
     high = min(height, math.ceil((y1 - origin[1]) / resolution_m))
-    share = (right - left) * (high - low) / (width * height)
-    return (left, height - high, right, height - low) if 0.0 < share <= 1.0 - LEAST_GAIN else None
+    return left, height - high, right, height - low

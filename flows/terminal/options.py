@@ -83,6 +83,14 @@ def run_names(context: typer.Context, incomplete: str) -> list[str]:
     return [each for run in runs if (each := f"{chosen[0]}/{run}").startswith(incomplete)]
 
 
+def configuration_and_run(text: str) -> tuple[str, int]:
+    """Read `CONFIGURATION/RUN`; raises `UserError` for anything else."""
+    configuration, _, index = text.rpartition("/")
+    if not (configuration and index.isascii() and index.isdecimal() and len(index) < 10):
+        raise UserError(f"expected CONFIGURATION/RUN, such as room-1/0, got {text!r}")
+    return configuration, int(index)
+
+
 ConfigurationName: TypeAlias = Annotated[
     str,
     typer.Argument(metavar="CONFIGURATION", help="Name of a configuration.", autocompletion=configuration_names),

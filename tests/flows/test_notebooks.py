@@ -230,7 +230,7 @@ def test_filled_replaces_only_whole_lines_and_takes_them_back():
 
 def test_notebook_command_refuses_unknown_names_and_overwrites_nothing(results, tmp_path, monkeypatch):
     directory = results.directory
-    assert "--run: expected CONFIGURATION/RUN, such as room-1/0, got 'room-1'" in refused(
+    assert "expected CONFIGURATION/RUN, such as room-1/0, got 'room-1'" in refused(
         "notebook", directory, "--run", "room-1"
     )
     assert "Unknown configuration 'rom-1'" in refused("notebook", directory, "--configuration", "rom-1")

@@ -115,7 +115,7 @@ def test_repeat_executes_no_code_without_trust(made, tmp_path):
     [
         ("nowhere/0", "nknown configuration 'nowhere'"),
         ("room-1/7", "no run 7 of room-1. It has 0, 1, 2"),
-        ("room-1", "expected a configuration and the index of a run, as in room-1/3, got 'room-1'"),
+        ("room-1", "expected CONFIGURATION/RUN, such as room-1/0, got 'room-1'"),
         ("room-1/1", "expected a run that failed, got one that passed. Runs 0, 2 of it failed."),
     ],
 )

@@ -149,7 +149,7 @@ def test_session_over_http(port):
 def test_request_without_right_token_host_and_origin_is_refused(port, status, headers, path):
     found, text = answer(port, path=path, **headers)
     assert found == status
-    assert {*json.loads(text)} == {"error"}
+    assert text.startswith('{"error"' if status == 401 else "Invalid ")
     assert "campaigns" not in text
 
 
