@@ -184,11 +184,9 @@ class Answers:
             failing = int((facets.Chosen(table, mask).counts[:, FAIL] > 0).sum())
             shown = opened.facets.varying("factor")[:MOST_LEVELS]
             page = facets.rows_json(table, mask, shown, "failed", descending=True, start=offset, count=limit)
-        columns, (findings, classes) = [each["name"] for each in page["columns"]], opened.evidence
-        rows = []
-        for each in page["rows"][: max(failing - offset, 0)]:
-            values = dict(zip(columns, each["values"], strict=True))
-            rows.append({**each, "values": values, "class": classes.get(each["configuration"], "")})
+        findings, classes = opened.evidence
+        rows = page["rows"][: max(failing - offset, 0)]
+        rows = [{**each, "class": classes.get(each["configuration"], "")} for each in rows]
         causes = [{**each, "means": CAUSES.get(each["value"], "")} for each in told["cause"]["rows"]]
         reasons = [{**each, "reason": each["reason"][:300]} for each in kinds[: facets.MOST_REASONS]]
         found = _page("configurations", rows, failing, offset, f"describe_run(campaign={id!r}, …) of an example")
@@ -197,6 +195,7 @@ class Answers:
         return {
             **told,
             "findings": findings * (not names),
+            "columns_of_values": page["columns"],
             **found,
             "how": f"{_HOW} A failed run has at most one cause.",
         }
@@ -214,20 +213,15 @@ class Answers:
         directory = self.directory(campaign)
         facts = facts_of(stored_run(directory.path, configuration, run_index), configuration)
         events, reason = facts["events"], facts.get("reason", "")
-        ended = f"{facts['outcome'].replace('_', ' ')} after {facts['simulated_s']:.2f} s" + f": {reason}" * bool(
-            reason
-        )
+        ended = f"{facts['outcome'].replace('_', ' ')} after {facts['simulated_s']:.2f} s"
+        ended += f": {reason}" * bool(reason)
         failed = [f"{each['oracle']}: {each['reason']}." for each in facts["verdicts"] if each["reason"]]
         words = " ".join([f"{configuration}, run {run_index}: {facts['judgment']}. Its mission {ended}.", *failed])
-        told: dict[str, Any] = {
-            key: facts[key] for key in ("judgment", "distance_m", "recoveries", "sentence") if key in facts
-        }
-        verdicts = [
-            {key: each[key] for key in ("oracle", "judgment", "reason", "metrics")} for each in facts["verdicts"]
-        ]
+        names = ("judgment", "distance_m", "recoveries", "sentence", "verdicts")
+        told: dict[str, Any] = {key: facts[key] for key in names if key in facts}
         step = f"draw_map(configuration={configuration!r}, run_index=[{run_index}], campaign={directory.id!r})"
         page = _page("events", events[:limit], len(events), 0, step)
-        return {"campaign": directory.id, "words": words, **told, "verdicts": verdicts, **page}
+        return {"campaign": directory.id, "words": words, **told, **page}
 
     def draw_map(
         self,

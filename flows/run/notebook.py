@@ -54,19 +54,17 @@ def shipped(level: Level) -> str:
     return read_text(SHIPPED / f"{level}.ipynb")
 
 
-def filled(text: str, values: Mapping[str, Any], back: bool = False) -> str:
-    """Fill in lines such as `RUN = 0` of a notebook, or empty them again if `back`."""
+def filled(text: str, values: Mapping[str, Any]) -> str:
+    """Fill in lines such as `RUN = 0` of a notebook."""
     notebook = json.loads(text)
     for cell in notebook["cells"]:
         if cell["cell_type"] != "code":
             continue
         source = "".join(cell["source"])
         for name, value in values.items():
-            nothing = type(value)()
-            old, new = (value, nothing) if back else (nothing, value)
-            marks = "|".join(map(re.escape, {repr(old), json.dumps(old)}))
-            line = rf"(?m)^{name} = (?:{marks})(?=[ \t]*(?:#.*)?$)"
-            source = re.sub(line, f"{name} = {new!r}".replace("\\", r"\\"), source)
+            nothing = r"(?:''|\"\")" if isinstance(value, str) else "0"
+            line = rf"(?m)^{name} = {nothing}(?=[ \t]*(?:#.*)?$)"
+            source = re.sub(line, f"{name} = {value!r}".replace("\\", r"\\"), source)
         cell["source"] = source
     return json.dumps(notebook, indent=1, ensure_ascii=False) + "\n"
 

@@ -1,6 +1,7 @@
 """Execute notebooks in this process's children, and write them with their pages."""
 
 import html
+import json
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,7 +36,8 @@ def execute(book: dict[str, Any]) -> str:
 
     from vastflow.flows.run.notebook import filled
 
-    text, wrong = filled(book["text"], book["values"]) if book["is_executed"] else book["text"], ""
+    own, wrong = json.loads(book["text"]), ""
+    text = filled(book["text"], book["values"]) if book["is_executed"] else book["text"]
     notebook = nbformat.reads(text, as_version=4)  # type: ignore[no-untyped-call]
     if book["is_executed"]:
         there = {"metadata": {"path": book["folder"]}}
@@ -54,12 +56,13 @@ def execute(book: dict[str, Any]) -> str:
         if wrong:
             begun = [k for k, cell in enumerate(notebook.cells, 1) if "iopub.execute_input" in _times(cell)]
             wrong = f"cell {begun[-1]}: {wrong}" if begun else wrong
-        for cell in notebook.cells:
+        for cell, as_written in zip(notebook.cells, own["cells"], strict=True):
             cell.metadata.pop("execution", None)  # times, which make equal outputs differ
+            if book["values"].get("DATA_DIR"):  # a folder that will be gone
+                cell.source = "".join(as_written["source"])
         text = nbformat.writes(notebook)  # type: ignore[no-untyped-call]
     place = Path(book["place"])
-    kept = filled(text, book["values"], back=True) if book["values"].get("DATA_DIR") else text
-    Path(f"{place}.ipynb").write_text(kept, encoding="utf-8")
+    Path(f"{place}.ipynb").write_text(text, encoding="utf-8")
     body, _ = HTMLExporter(template_name="basic").from_notebook_node(notebook)  # type: ignore[no-untyped-call]
     page = _PAGE.format(title=html.escape(place.name), body=body)
     Path(f"{place}.html").write_text(page, encoding="utf-8", errors="backslashreplace")

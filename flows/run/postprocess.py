@@ -12,7 +12,6 @@ from vastflow.flows.export.export import export
 from vastflow.flows.results.results import write_json
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.notebook import Book, execute_kept
-from vastflow.flows.run.postprocessing_step import Request
 from vastflow.oracles.page.call import link_pages
 from vastflow.oracles.results.schema import table_rows
 from vastflow.producers.campaign_file.postprocessing import CONFIG, ProcessingStep
@@ -190,11 +189,12 @@ def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
             file.chmod(0o755)
         words = [str(each) for each in step.parameters.get("args") or ()]
         words = [f"{config}/{each.removeprefix(CONFIG)}" if each.startswith(CONFIG) else each for each in words]
-        function, request = "run_command", {"command": [str(file), *words, str(copy)]}
+        function = "run_command"
+        request: dict[str, Any] = {"command": [str(file), *words, str(copy)]}
     else:
-        class_name = step.name.rpartition(":")[2]
-        request = asdict(Request(str(file), class_name, dict(step.parameters), str(copy), str(config)))
+        plug_in = {"file": str(file), "class": step.name.rpartition(":")[2], "parameters": dict(step.parameters)}
         function = "call"
+        request = {**plug_in, "results": str(copy), "config": str(config)}
     with Child(f"vastflow.flows.run.postprocessing_step:{function}", folder=copy) as child:
         try:
             done, message = child.ask(request)

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import sysconfig
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
 from types import ModuleType
@@ -19,7 +18,7 @@ class BasePostprocessingPlugin:
     """Base of plug-ins: called with the results' folder, they return their success and a message."""
 
     def __call__(self, results_dir: str, config_dir: str, **kwargs: Any) -> tuple[bool, str]:
-        """Process a campaign's results with the parameters of the campaign file; see `Request` for the folders."""
+        """Process a campaign's results with the parameters of the campaign file; see `call` for the folders."""
         raise NotImplementedError(f"{type(self).__name__} has no __call__")
 
     def get_files_to_copy(self, config_dir: str, params: dict[str, Any]) -> list[str]:
@@ -70,30 +69,16 @@ def offer() -> None:
             setattr(sys.modules[parent], child, module)
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
-    """A call of a plug-in.
+def call(request: Mapping[str, Any]) -> tuple[bool, str]:
+    """Call a plug-in; return its success and its message. Raises whatever its code raises.
 
-    Attributes:
-        file, class_name: The plug-in.
-        results: Folder of the campaign, with a folder for each configuration and in it for each run.
-        config: Folder with the campaign file and what it names.
+    Args:
+        request: `file` and `class` of the plug-in, its `parameters`, the folder of the campaign's `results`, and that of its `config`.
     """
-
-    file: str
-    class_name: str
-    parameters: dict[str, Any]
-    results: str
-    config: str
-
-
-def call(about: Mapping[str, Any]) -> tuple[bool, str]:
-    """Call the plug-in of a `Request`; return its success and its message. Raises whatever its code raises."""
-    request = Request(**about)
-    file = Path(request.file)
+    file = Path(request["file"])
     installed = sysconfig.get_path("purelib")  # modules beside the plug-in come before these, and after Python's own
     first = sys.path.index(installed) if installed in sys.path else len(sys.path)
-    sys.path[first:first] = [str(file.parent), request.config]
+    sys.path[first:first] = [str(file.parent), request["config"]]
     offer()
     spec = importlib.util.spec_from_file_location(file.stem, file)
     if spec is None or spec.loader is None:
@@ -101,8 +86,8 @@ def call(about: Mapping[str, Any]) -> tuple[bool, str]:
     module = importlib.util.module_from_spec(spec)
     sys.modules[file.stem] = module
     spec.loader.exec_module(module)
-    found = getattr(module, request.class_name)()(
-        results_dir=request.results, config_dir=request.config, **request.parameters
+    found = getattr(module, request["class"])()(
+        results_dir=request["results"], config_dir=request["config"], **request["parameters"]
     )
     match found:
         case (bool() as done, message):

@@ -15,7 +15,7 @@ from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.export.mcap.bag import Bag
 from vastflow.flows.export.mcap.mcap import bag_of
-from vastflow.flows.export.mcap.messages import RunMessages
+from vastflow.flows.export.mcap.messages import RunBag
 from vastflow.flows.export.mcap.topics import TOPICS, typestore
 from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.oracles.replay.recorded import recorded_run
@@ -312,9 +312,9 @@ def test_export_names_missing_package(recorded, monkeypatch):
 
 def test_bag_tells_each_recovery_that_nav2_counts(tmp_path):
     """Nav2 counts the clearing of both costmaps as two."""
-    bag = Bag()
+    bag = RunBag()
     events = [Event(float(k), "recovery", 1.0, 1.0, what, 0.0) for k, what in enumerate(RECOVERIES)]
-    RunMessages(bag).surroundings((), events, 10_000)
+    bag.surroundings((), events, 10_000)
     for name, content in bag.files({"of": "a test"}).items():
         (tmp_path / name).write_bytes(content)
     changes = [

@@ -101,7 +101,7 @@ def test_visualization_executes_each_level_over_the_layout_and_keeps_it_in_the_s
     assert re.search(r"read \['_config', .*'room-1', 'room-2'\] True 0", outputs_of(made / "My-Tab-campaign.ipynb"))
     assert "'test.xml'] True 1" in outputs_of(made / "room-2/1/My-Tab-run.ipynb")
     assert "True 0" in outputs_of(made / "room-1/My-Tab-config.ipynb") and not (made / "room-1/beside.txt").exists()
-    assert "DATA_DIR = ''" in json.loads((made / "My-Tab-campaign.ipynb").read_text())["cells"][0]["source"]
+    assert "DATA_DIR = ''\n" in json.loads((made / "My-Tab-campaign.ipynb").read_text())["cells"][0]["source"]
     report = (results.directory / "report.html").read_text()
     assert '<a href="postprocessing/room-2/1/My-Tab-run.html">' in report and results.faults == ()
     page = (made / "My-Tab-campaign.html").read_text()
@@ -214,7 +214,7 @@ def test_reading_a_campaign_executes_no_notebook_of_it(small_room, tmp_path, mon
     assert (directory / "inputs/spy.ipynb").is_file()
 
 
-def test_filled_replaces_only_whole_lines_and_takes_them_back():
+def test_filled_replaces_only_whole_lines():
     text = written("DATA_DIR = ''\nx = \"RESULTS = ''\"\n  RUN = 0\nRUN = 0  # which", "DATA_DIR = 'mine'")
     values = {"DATA_DIR": "/a \\g<0> 'b'", "RESULTS": "/c", "RUN": 3}
     one, two = (cell["source"] for cell in json.loads(filled(text, values))["cells"])
@@ -225,7 +225,6 @@ def test_filled_replaces_only_whole_lines_and_takes_them_back():
         "RUN = 3  # which",
     ]
     assert two == "DATA_DIR = 'mine'"
-    assert json.loads(filled(filled(text, values), values, back=True)) == json.loads(text)
 
 
 def test_notebook_command_refuses_unknown_names_and_overwrites_nothing(results, tmp_path, monkeypatch):

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.flows.export.format import ExportedCampaign, ExportedFile, Format
-from vastflow.flows.export.mcap.bag import NAME, Bag
+from vastflow.flows.export.mcap.bag import NAME
 from vastflow.flows.export.mcap.layout import NAME as LAYOUT
 from vastflow.flows.export.mcap.layout import layout
-from vastflow.flows.export.mcap.messages import WARN, RunMessages
+from vastflow.flows.export.mcap.messages import WARN, RunBag
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import signals_of
@@ -65,12 +65,10 @@ def bag_of(recorded: RecordedRun, without: Collection[str] = ()) -> dict[str, by
     scenario, recording = recorded.scenario, recorded.recording
     situation, world = situation_of(scenario), world_of(scenario.environment)
     lidar = system_of(scenario.system, is_drawn=True).lidar
-    bag = Bag(without)
-    told = RunMessages(bag)
+    told = RunBag(without)
     missing = _execute(told, recorded, lidar)
     if missing:
-        bag = Bag(without)  # without what another run saw
-        told = RunMessages(bag)
+        told = RunBag(without)  # without what another run saw
         told.says(0, missing, WARN)
     _tell_rows(told, recording.columns, with_frames=bool(missing))
     told.begins(world.map if world else None, lidar, situation.start)
@@ -83,10 +81,10 @@ def bag_of(recorded: RecordedRun, without: Collection[str] = ()) -> dict[str, by
         "vastflow": str(recorded.metadata["vastflow"]),
         "executed_again": missing or "equal to the recording bit for bit",
     }
-    return bag.files(about)
+    return told.files(about)
 
 
-def _execute(told: RunMessages, recorded: RecordedRun, lidar: Lidar) -> str:
+def _execute(told: RunBag, recorded: RecordedRun, lidar: Lidar) -> str:
     """Execute a run, tell what its stack publishes, and return why the recorded part alone can be told."""
     checked = checked_of(recorded.scenario)
     if checked.programs is not None or not checked.actions.isdisjoint(PROCESSES):
@@ -112,7 +110,7 @@ def _execute(told: RunMessages, recorded: RecordedRun, lidar: Lidar) -> str:
     return "" if difference is None else f"only what was recorded: executed here, the run differs: {difference}"
 
 
-def _tell_rows(told: RunMessages, columns: Mapping[str, NDArray[np.int32]], *, with_frames: bool) -> None:
+def _tell_rows(told: RunBag, columns: Mapping[str, NDArray[np.int32]], *, with_frames: bool) -> None:
     """Tell what was recorded; with frames that have the estimate as odometry, where that was not recorded."""
     rows = signals_of(columns)
     names = ("t_s", "x_m", "y_m", "yaw_rad", "estimated_x_m", "estimated_y_m", "estimated_yaw_rad", "localized")

@@ -1,7 +1,7 @@
 """The messages of one run: map, transforms, sensors, the stack's decisions, and the surroundings."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -49,11 +49,11 @@ def nanoseconds(t_s: float) -> int:
     return round(t_s * 1e3) * 1_000_000
 
 
-class RunMessages:
-    """Fills a bag with the messages of a run."""
+class RunBag(Bag):
+    """A bag with the messages of a run."""
 
-    def __init__(self, bag: Bag) -> None:
-        self._bag = bag
+    def __init__(self, without: Collection[str] = ()) -> None:
+        super().__init__(without)
         self._node = ""
         self._goal = -1
         self._scan = 0
@@ -65,19 +65,19 @@ class RunMessages:
     def begins(self, occupancy: OccupancyMap | None, lidar: Lidar | None, start: Pose | None) -> None:
         """Add the map that the robot has, the place of its scanner, and its first pose."""
         if lidar is not None:
-            self._bag.add("/tf_static", 0, transforms=[_transform(0, BASE, LASER, Pose(*lidar.mount_xyt))])
+            self.add("/tf_static", 0, transforms=[_transform(0, BASE, LASER, Pose(*lidar.mount_xyt))])
         if occupancy is not None:
             corner = Pose(*occupancy.origin_xy_m, occupancy.yaw_rad)
-            self._bag.add("/map", 0, **_grid(0, MAP, occupancy.cells, occupancy.resolution_m, corner))
+            self.add("/map", 0, **_grid(0, MAP, occupancy.cells, occupancy.resolution_m, corner))
         if start is not None:
-            self._bag.add("/initialpose", 0, header=_header(0, MAP), pose={"pose": _pose(start)})
+            self.add("/initialpose", 0, header=_header(0, MAP), pose={"pose": _pose(start)})
 
     def frames(self, t_s: float, map_odom: Pose, odometry: Pose, true: Pose) -> None:
         """Add the transforms of a time, and the time."""
         t_ns = nanoseconds(t_s)
         told = [(MAP, ODOM, map_odom), (ODOM, BASE, odometry), (MAP, TRUE_BASE, true)]
-        self._bag.add("/clock", t_ns, clock=_time(t_ns))
-        self._bag.add("/tf", t_ns, transforms=[_transform(t_ns, *each) for each in told])
+        self.add("/clock", t_ns, clock=_time(t_ns))
+        self.add("/tf", t_ns, transforms=[_transform(t_ns, *each) for each in told])
 
     def truth(self, t_s: float, true: Pose, v_mps: float, vy_mps: float, w_radps: float) -> None:
         """Add where the robot truly is, and how it moves."""
@@ -89,11 +89,11 @@ class RunMessages:
         full = np.zeros(36)
         full[[0, 1, 6, 7, 35]] = xx, xy, xy, yy, yaw
         t_ns = nanoseconds(t_s)
-        self._bag.add("/amcl_pose", t_ns, header=_header(t_ns, MAP), pose={"pose": _pose(estimate), "covariance": full})
+        self.add("/amcl_pose", t_ns, header=_header(t_ns, MAP), pose={"pose": _pose(estimate), "covariance": full})
 
     def commanded(self, t_s: float, topic: str, v_mps: float, vy_mps: float, w_radps: float) -> None:
         """Add a command of `/cmd_vel_nav`, the controller's, or of `/cmd_vel`, which the robot got."""
-        self._bag.add(topic, nanoseconds(t_s), **_twist(v_mps, vy_mps, w_radps))
+        self.add(topic, nanoseconds(t_s), **_twist(v_mps, vy_mps, w_radps))
 
     def sensed(self, moment: Moment, told: Published, lidar: Lidar) -> None:
         """Add transforms, odometry, and the scan if it is a new one.
@@ -108,7 +108,7 @@ class RunMessages:
         if told.scan == self._scan:
             return
         self._scan = told.scan
-        self._bag.add(
+        self.add(
             "/scan",
             nanoseconds(t_s),
             header=_header(nanoseconds(told.scan_t_s), LASER),
@@ -143,7 +143,7 @@ class RunMessages:
             for name, before, now in changes
             if name
         ]
-        self._bag.add("/behavior_tree_log", t_ns, timestamp=_time(t_ns), event_log=log)
+        self.add("/behavior_tree_log", t_ns, timestamp=_time(t_ns), event_log=log)
 
     def seen(self, snapshot: TickSnapshot, told: Published, *, has_local: bool, has_global: bool) -> None:
         """Add goal, paths, particles, and costmaps.
@@ -156,30 +156,30 @@ class RunMessages:
         header = _header(t_ns, MAP)
         if moment.goal != self._goal and moment.goal < len(snapshot.goals):
             self._goal = moment.goal
-            self._bag.add("/goal_pose", t_ns, header=header, pose=_pose(snapshot.goals[self._goal]))
+            self.add("/goal_pose", t_ns, header=header, pose=_pose(snapshot.goals[self._goal]))
         for topic, xy_m in (
             ("/plan", snapshot.plan_xy_m),
             ("/transformed_global_plan", snapshot.ahead_xy_m),
             ("/optimal_trajectory", snapshot.intended_xy_m),
         ):
             if len(xy_m):
-                self._bag.add(topic, t_ns, header=header, poses=_along(header, xy_m))
+                self.add(topic, t_ns, header=header, poses=_along(header, xy_m))
         particles = snapshot.particles.tolist()
         if told.updates != self._updates and particles:
             self._updates = told.updates
             cloud = [{"pose": _pose(Pose(*each)), "weight": 1.0 / len(particles)} for each in particles]
-            self._bag.add("/particle_cloud", t_ns, header=header, particles=cloud)
+            self.add("/particle_cloud", t_ns, header=header, particles=cloud)
         if has_local and (patch := snapshot.local_costs) is not None:
             corner, robot = (_seen_from(told.map_odom, each) for each in (patch.corner, moment.estimate))
-            self._bag.add("/local_costmap/costmap", t_ns, **_costmap(t_ns, ODOM, patch, corner))
+            self.add("/local_costmap/costmap", t_ns, **_costmap(t_ns, ODOM, patch, corner))
             c, s = math.cos(robot.yaw_rad), math.sin(robot.yaw_rad)
             outline = snapshot.outline_m @ np.array([[c, s], [-s, c]]) + (robot.x_m, robot.y_m)
             polygon = {"points": [{"x": x_m, "y": y_m} for x_m, y_m in outline.tolist()]}
-            self._bag.add("/local_costmap/published_footprint", t_ns, header=_header(t_ns, ODOM), polygon=polygon)
+            self.add("/local_costmap/published_footprint", t_ns, header=_header(t_ns, ODOM), polygon=polygon)
         if has_global and (content := snapshot.global_costs.costs.tobytes()) != self._global:
             self._global = content
             patch = snapshot.global_costs
-            self._bag.add("/global_costmap/costmap", t_ns, **_costmap(t_ns, MAP, patch, patch.corner))
+            self.add("/global_costmap/costmap", t_ns, **_costmap(t_ns, MAP, patch, patch.corner))
 
     def surroundings(self, tracks: Iterable[ObstacleTrack], events: Iterable[Event], end_ms: int) -> None:
         """Add obstacles and movers as markers, contacts as spheres, and what happened in words."""
@@ -215,14 +215,14 @@ class RunMessages:
 
     def says(self, t_ns: int, words: str, level: int = INFO) -> None:
         """Add a line of the log."""
-        self._bag.add("/rosout", t_ns, stamp=_time(t_ns), level=level, name="vastflow", msg=words)
+        self.add("/rosout", t_ns, stamp=_time(t_ns), level=level, name="vastflow", msg=words)
 
     def _moved(
         self, topic: str, t_s: float, frame: str, child: str, pose: Pose, motion: tuple[float, float, float]
     ) -> None:
         t_ns, twist = nanoseconds(t_s), {"twist": _twist(*motion)}
         place = {"pose": _pose(pose)}
-        self._bag.add(topic, t_ns, header=_header(t_ns, frame), child_frame_id=child, pose=place, twist=twist)
+        self.add(topic, t_ns, header=_header(t_ns, frame), child_frame_id=child, pose=place, twist=twist)
 
     def _marked(
         self,
@@ -246,7 +246,7 @@ class RunMessages:
             "color": color,
             "text": name,
         }
-        self._bag.add(topic, t_ns, markers=[marker])
+        self.add(topic, t_ns, markers=[marker])
 
 
 def _time(t_ns: int) -> Fields:
