@@ -120,29 +120,23 @@ class Answers:
 
     def rates(
         self,
-        campaign: Annotated[str, Field(description="Id from `campaigns`; empty: all finished ones.")] = "",
-        by: Annotated[str, Field(description="family, configuration, oracle, or a factor of one campaign.")] = "",
+        campaign: Campaign = "",
+        by: Annotated[str, Field(description="family, configuration, oracle, or a factor; empty: no groups.")] = "",
         oracle: Oracle = "",
         limit: Limit = 50,
         offset: Offset = 0,
     ) -> dict[str, Any]:
-        """Return pass rates with sample sizes and 95 % intervals, as the report has them."""
+        """Return a campaign's pass rates with sample sizes and 95 % intervals, as its report has them."""
         from vastflow.oracles.evidence.evidence import evidence_of
 
-        if not by:
-            every = self._finished(campaign)
-            rows = []
-            for each in every[offset : offset + limit]:
-                evidence = evidence_of(self._tables(each.id))
-                group = evidence[_known("oracle", oracle, evidence) if oracle else None].campaign
-                rows.append({"campaign": each.id, "headline": group.headline.text, **_rate(group)})
-            return {**_page("rates", rows, len(every), offset, "rates(campaign=…, by=…)"), "how": _HOW}
         found = self._tables(campaign)
         evidence = evidence_of(found)
         judged = evidence[_known("oracle", oracle, evidence) if oracle else None]
         whole = judged.campaign
         groups: Mapping[Any, Group]
-        if by == "family":
+        if not by:
+            groups = {}
+        elif by == "family":
             groups = judged.families
         elif by == "oracle":
             groups = {name: evidence[name].campaign for name in found.oracles}

@@ -72,9 +72,9 @@ def serve(roots: Sequence[Path], port: int | None, *, allow_run: bool, workspace
         answers = Answers(directories)
         drafts = stack.enter_context(closing(Drafts(answers.directory, home, results)))
         server = server_of(answers, drafts, allow_run=allow_run)
+        os.chdir(os.sep)  # the server and its children read nothing of the folder that it was started in
+        os.environ[SAFE_PATH] = "1"
         if port is None:
-            os.chdir(os.sep)  # the server and its children read nothing of the folder that it was started in
-            os.environ[SAFE_PATH] = "1"
             server.run("stdio")
             return
         import uvicorn
@@ -88,8 +88,6 @@ def serve(roots: Sequence[Path], port: int | None, *, allow_run: bool, workspace
         app = server.streamable_http_app(
             host=LOOPBACK, streamable_http_path=PATH, max_request_body_size=MOST_BODY_BYTES
         )
-        os.chdir(os.sep)
-        os.environ[SAFE_PATH] = "1"
         config = uvicorn.Config(Bearer(app, token), log_level="warning", access_log=False, server_header=False)
         uvicorn.Server(config).run([listening])
 

@@ -56,7 +56,7 @@ def notebook(
         print(f"notebook: {file}")
         if not execute:
             return
-        (wrong,) = execute_books([Book(text, values, str(folder.resolve()), str(place.resolve()))])
+        (wrong,) = execute_books([Book(text, values, str(place.resolve()))])
         if wrong:
             raise UserError(f"{file}: {wrong}")
         print(f"page: {file.with_suffix('.html')}")

@@ -37,14 +37,12 @@ class Book:
     Attributes:
         text: The notebook as JSON, with lines such as `RESULTS = ''` in its cells.
         values: Names to what such a line has instead while the notebook is executed.
-        folder: Working folder.
-        place: Path of the files to write, without suffix.
+        place: Path of the files to write, without suffix; its folder is the working folder.
         is_executed: False for one that was executed before, and is only shown.
     """
 
     text: str
     values: Mapping[str, Any]
-    folder: str
     place: str
     is_executed: bool = True
 

@@ -40,7 +40,7 @@ def execute(book: dict[str, Any]) -> str:
     text = filled(book["text"], book["values"]) if book["is_executed"] else book["text"]
     notebook = nbformat.reads(text, as_version=4)  # type: ignore[no-untyped-call]
     if book["is_executed"]:
-        there = {"metadata": {"path": book["folder"]}}
+        there = {"metadata": {"path": str(Path(book["place"]).parent)}}
         client = NotebookClient(
             notebook, timeout=book["limit_s"], kernel_name="python3", resources=there, extra_arguments=_ARGUMENTS
         )
@@ -54,7 +54,11 @@ def execute(book: dict[str, Any]) -> str:
         except DeadKernelError:
             wrong = "its kernel ended"
         if wrong:
-            begun = [k for k, cell in enumerate(notebook.cells, 1) if "iopub.execute_input" in _times(cell)]
+            begun = [
+                k
+                for k, cell in enumerate(notebook.cells, 1)
+                if "iopub.execute_input" in cell.metadata.get("execution", {})
+            ]
             wrong = f"cell {begun[-1]}: {wrong}" if begun else wrong
         for cell, as_written in zip(notebook.cells, own["cells"], strict=True):
             cell.metadata.pop("execution", None)  # times, which make equal outputs differ
@@ -67,7 +71,3 @@ def execute(book: dict[str, Any]) -> str:
     page = _PAGE.format(title=html.escape(place.name), body=body)
     Path(f"{place}.html").write_text(page, encoding="utf-8", errors="backslashreplace")
     return wrong
-
-
-def _times(cell: Any) -> Any:
-    return cell.metadata.get("execution", {})

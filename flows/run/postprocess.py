@@ -19,7 +19,7 @@ from vastflow.producers.campaign_file.visualization import Level, VisualizationS
 from vastflow.sim.model.digest import digest, file_digest
 from vastflow.sim.model.faults import UserError, message_of
 from vastflow.sim.model.files import copy_file, read_json, read_text
-from vastflow.tasks.engine.child import Child
+from vastflow.tasks.engine.child import Child, end_text
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.store.store import Store
 
@@ -119,7 +119,7 @@ def _executed(notebooks: Sequence[VisualizationStep], base: Path, copy: "_Copy",
             copy_file(copy.folder / name, copy.directory / FOLDER / name)
         files = {name: file_digest(copy.folder / name) for name in new}
         failed = [
-            f"{Path(book.folder).relative_to(copy.folder)}: {each}"
+            f"{Path(book.place).parent.relative_to(copy.folder)}: {each}"
             for book, each in zip(books, wrong, strict=True)
             if each
         ]
@@ -138,7 +138,7 @@ def _book(step: VisualizationStep, text: str, copy: "_Copy", place: Sequence[str
         "CONFIGURATION": configuration,
         "RUN": int(run or 0),
     }
-    return Book(text, values, str(folder), str(folder / f"{named}-{step.level}"))
+    return Book(text, values, str(folder / f"{named}-{step.level}"))
 
 
 def _places(level: Level, directory: Path) -> list[tuple[str, ...]]:
@@ -182,22 +182,20 @@ class _Copy:
 def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
     config = copy / SHARED
     file = config / step.file
-    if step.kind == "command":
-        if not file.is_file():  # one that the campaign file names from elsewhere
-            file = Path(step.file)
-        else:
-            file.chmod(0o755)
-        words = [str(each) for each in step.parameters.get("args") or ()]
-        words = [f"{config}/{each.removeprefix(CONFIG)}" if each.startswith(CONFIG) else each for each in words]
-        function = "run_command"
-        request: dict[str, Any] = {"command": [str(file), *words, str(copy)]}
-    else:
-        plug_in = {"file": str(file), "class": step.name.rpartition(":")[2], "parameters": dict(step.parameters)}
-        function = "call"
-        request = {**plug_in, "results": str(copy), "config": str(config)}
+    function = "run_command" if step.kind == "command" else "call"
     with Child(f"vastflow.flows.run.postprocessing_step:{function}", folder=copy) as child:
         try:
-            done, message = child.ask(request)
+            if step.kind != "command":
+                named = {"file": str(file), "class": step.name.rpartition(":")[2], "parameters": dict(step.parameters)}
+                done, message = child.ask({**named, "results": str(copy), "config": str(config)})
+                return bool(done), str(message)
+            if not file.is_file():  # one that the campaign file names from elsewhere
+                file = Path(step.file)
+            else:
+                file.chmod(0o755)
+            words = [str(each) for each in step.parameters.get("args") or ()]
+            words = [f"{config}/{each.removeprefix(CONFIG)}" if each.startswith(CONFIG) else each for each in words]
+            code = int(child.ask({"command": [str(file), *words, str(copy)]}))
+            return code == 0, child.said if code == 0 else end_text(code, "", child.said)
         except UserError as error:
             return False, str(error)
-    return bool(done), str(message)

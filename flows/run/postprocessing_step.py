@@ -6,12 +6,11 @@ import sys
 import sysconfig
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryFile
 from types import ModuleType
 from typing import Any, Final
 from xml.etree import ElementTree as ET
 
-from vastflow.tasks.engine.child import end_text, last_words
+from vastflow.sim.model.faults import UserError
 
 
 class BasePostprocessingPlugin:
@@ -95,13 +94,10 @@ def call(request: Mapping[str, Any]) -> tuple[bool, str]:
     raise TypeError(f"expected (done, message), such as (True, 'wrote 3 files'), got {found!r:.80}")
 
 
-def run_command(about: Mapping[str, Any]) -> tuple[bool, str]:
-    """Run a program; return its success, and the end of what it wrote or how it ended."""
-    command = about["command"]
-    with TemporaryFile() as log:
-        try:
-            done = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, check=False)
-        except OSError as error:
-            return False, f"{Path(command[0]).name} can't be started: {error.strerror or error}"
-        said = last_words(log)
-    return done.returncode == 0, said if done.returncode == 0 else end_text(done.returncode, "", said)
+def run_command(request: Mapping[str, Any]) -> int:
+    """Run a program; return its exit code."""
+    command = request["command"]
+    try:
+        return subprocess.run(command, check=False).returncode
+    except OSError as error:
+        raise UserError(f"{Path(command[0]).name} can't be started: {error.strerror or error}") from None

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, Any, Final, Self
+from typing import Any, Final, Self
 
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.engine.process import own_environment, python_command
@@ -60,9 +60,9 @@ class Child:
             environment = {**own_environment(), "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1"}
         command = python_command("vastflow.tasks.engine.child", function, json.dumps([memory_bytes, file_bytes]))
         pipe = subprocess.PIPE
-        self._said = TemporaryFile()  # noqa: SIM115 - closed with the process
+        self._log = TemporaryFile()  # noqa: SIM115 - closed with the process
         self._process = subprocess.Popen(
-            command, stdin=pipe, stdout=pipe, stderr=self._said, cwd=folder, env=environment, start_new_session=True
+            command, stdin=pipe, stdout=pipe, stderr=self._log, cwd=folder, env=environment, start_new_session=True
         )
 
     def ask(self, request: Any, wall_s: float = threading.TIMEOUT_MAX) -> Any:
@@ -96,13 +96,19 @@ class Child:
             raise UserError(answer)
         return answer
 
+    @property
+    def said(self) -> str:
+        """The end of what the process and those below it have printed."""
+        log = self._log.fileno()
+        return os.pread(log, _SAID, max(0, os.fstat(log).st_size - _SAID)).decode(errors="replace").strip()
+
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._process.returncode is None:
             self._kill()
-        with self._said, suppress(BrokenPipeError), self._process:  # closes its pipes and waits
+        with self._log, suppress(BrokenPipeError), self._process:  # closes its pipes and waits
             pass
 
     def _kill(self) -> None:
@@ -113,13 +119,7 @@ class Child:
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_END_S)
         self._kill()
-        return end_text(self._process.wait(), " without an answer", last_words(self._said))
-
-
-def last_words(log: IO[bytes]) -> str:
-    """Return the end of what processes wrote into a file."""
-    log.seek(max(0, log.seek(0, os.SEEK_END) - _SAID))
-    return log.read().decode(errors="replace").strip()
+        return end_text(self._process.wait(), " without an answer", self.said)
 
 
 def end_text(code: int, how: str, said: str) -> str:

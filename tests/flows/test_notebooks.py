@@ -139,7 +139,7 @@ def test_failing_cell_is_a_fault_in_one_sentence_and_verdicts_stay(campaign, mon
 def test_notebook_imports_nothing_from_its_folder(tmp_path):
     for name in ("pandas", "numpy"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit('code of the folder')\n")
-    assert execute_books([Book(written("import numpy, pandas"), {}, str(tmp_path), str(tmp_path / "page"))]) == [""]
+    assert execute_books([Book(written("import numpy, pandas"), {}, str(tmp_path / "page"))]) == [""]
 
 
 def test_store_keeps_outputs_by_text_results_and_values(tmp_path, monkeypatch):
@@ -162,14 +162,14 @@ def test_store_keeps_outputs_by_text_results_and_values(tmp_path, monkeypatch):
         ("a", "r", 1),
         ("a", "r", 0),
     ]:
-        book = Book(text, {"RUN": run, "DATA_DIR": f"/tmp/{len(executed)}"}, str(tmp_path), str(tmp_path / "page"))
+        book = Book(text, {"RUN": run, "DATA_DIR": f"/tmp/{len(executed)}"}, str(tmp_path / "page"))
         assert execute_kept([book], results, store) == [""]
     assert executed == [("a", 0), ("b", 0), ("a", 0), ("a", 1)]
 
 
 def test_cell_without_end_is_cut_after_its_time(tmp_path, monkeypatch):
     monkeypatch.setattr(notebook_module, "LIMIT_S", 1.0)
-    book = Book(written("1", "while True: pass"), {}, str(tmp_path), str(tmp_path / "endless"))
+    book = Book(written("1", "while True: pass"), {}, str(tmp_path / "endless"))
     assert execute_books([book]) == ["cell 2: expected an end within 1 s, got none"]
 
 

@@ -163,7 +163,7 @@ def test_small_campaign_runs_in_the_background(drafted, workspace, tmp_path):
     with pytest.raises(UserError, match="still running"):
         drafts.run_campaign(CAMPAIGN.format(map=map_in(workspace)))
     assert drafts._process.wait(500) == 0
-    (row,) = Answers(Directories([tmp_path / "results"])).rates()["rates"]
+    row = Answers(Directories([tmp_path / "results"])).rates()["whole"]
     assert row["passed"] + row["failed"] + row["not_judged"] == 6
 
 
