@@ -121,12 +121,14 @@ class Answers:
     def rates(
         self,
         campaign: Campaign = "",
-        by: Annotated[str, Field(description="family, configuration, oracle, or a factor; empty: no groups.")] = "",
+        by: Annotated[
+            str, Field(description="family, configuration, oracle, or a factor, over all families; empty: no groups.")
+        ] = "",
         oracle: Oracle = "",
         limit: Limit = 50,
         offset: Offset = 0,
     ) -> dict[str, Any]:
-        """Return a campaign's pass rates with sample sizes and 95 % intervals, as its report has them."""
+        """Return a campaign's pass rates with sample sizes and 95 % intervals."""
         from vastflow.oracles.evidence.evidence import evidence_of
 
         found = self._tables(campaign)

@@ -59,15 +59,15 @@ def report_failure(
     with executing(results, trust), computing() as display:
         from vastflow.flows.export.mcap.topics import typestore
         from vastflow.flows.failure.failed_run import failed_run
-        from vastflow.flows.failure.report import Minimization, minimized, report_of
+        from vastflow.flows.failure.report import minimized, report_of
         from vastflow.flows.results.inputs import write_files
 
         failed = failed_run(results, configuration, index)
         typestore()  # a missing extra is said before runs are executed
-        found = Minimization({}, "It is not minimized: --no-minimize was given.")
+        smaller, words = dict[str, bytes](), "It is not minimized: --no-minimize was given."
         if not no_minimize:
-            found = minimized(failed, for_s, display, **asked)
-        report = report_of(failed, found)
+            smaller, words = minimized(failed, for_s, display, **asked)
+        report = report_of(failed, smaller, words)
     with writing(place):
         place.parent.mkdir(parents=True, exist_ok=True)
         if place.suffix == ".zip":
@@ -75,7 +75,7 @@ def report_failure(
         else:
             write_files(place, report.files)
     print(f"{configuration}, run {index}: repeated from the report, equal to the recording byte for byte")
-    print(f"{failed.rate_text} fail\n{found.words}", *(f"left out: {each}" for each in report.left_out), sep="\n")
+    print(f"{failed.rate_text} fail\n{words}", *(f"left out: {each}" for each in report.left_out), sep="\n")
     print(f"written: {place}, {len(report.zipped()):,} bytes packed")
 
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -82,21 +81,10 @@ class Report:
         return out.getvalue()
 
 
-@dataclass(frozen=True)
-class Minimization:
-    """A minimized campaign.
-
-    Attributes:
-        files: By place below `MINIMIZED`; none if it is not minimized.
-        words: Outcome of the minimization.
-    """
-
-    files: Mapping[str, bytes] = field(repr=False)
-    words: str
-
-
-def minimized(failed: FailedRun, for_s: float, observer: Observer | None = None, **asked: Any) -> Minimization:
-    """Minimize the configuration of a failed run, and cut its map to what its robot sees.
+def minimized(
+    failed: FailedRun, for_s: float, observer: Observer | None = None, **asked: Any
+) -> tuple[dict[str, bytes], str]:
+    """Minimize the configuration of a failed run, cut its map to what its robot sees, and return files and words.
 
     Args:
         for_s: See `minimize_configuration`.
@@ -108,12 +96,12 @@ def minimized(failed: FailedRun, for_s: float, observer: Observer | None = None,
             failing.directory, failing.name, oracle=failing.oracle, observer=observer, for_s=for_s, **asked
         )
     except NotMinimized as error:
-        return Minimization({}, f"It is not minimized: {str(error).removeprefix(f'{failing.directory}: ')}")
+        return {}, f"It is not minimized: {str(error).removeprefix(f'{failing.directory}: ')}"
     words = " ".join(line.removeprefix("# ") for line in found.text.partition("\n\n")[0].splitlines())
     files = {**found.files, MINIMAL: found.text.encode()}
     files.pop("campaign.vast", None)
     cut, said = _cut(files, found, asked)
-    return Minimization(cut, f"{words} {said}")
+    return cut, f"{words} {said}"
 
 
 def _cut(files: Mapping[str, bytes], found: Minimized, asked: Mapping[str, Any]) -> tuple[dict[str, bytes], str]:
@@ -154,10 +142,13 @@ def _laid_out(files: Mapping[str, bytes]) -> Iterator[Path]:
         yield Path(place).resolve()
 
 
-def report_of(failed: FailedRun, minimization: Minimization) -> Report:
+def report_of(failed: FailedRun, smaller: Mapping[str, bytes], words: str) -> Report:
     """Return the report of a failed run, which was repeated from the report's own files before.
 
     What has no room is left out: costmaps, scans and particles, the film, and at last the bag.
+
+    Args:
+        smaller, words: See `minimized`.
 
     Raises:
         UnusableDirectory: the run does not repeat here, or the map and the recording alone are too large.
@@ -166,7 +157,7 @@ def report_of(failed: FailedRun, minimization: Minimization) -> Report:
     files = failed.files()
     with _laid_out(files) as folder:
         check_repeats(folder, failed)
-    files |= {f"{MINIMIZED}/{name}": content for name, content in minimization.files.items()}
+    files |= {f"{MINIMIZED}/{name}": content for name, content in smaller.items()}
     if failed.parameters:
         values = yaml.safe_dump(_plain(failed.parameters), sort_keys=False, allow_unicode=True)
         files[PARAMETERS] = f"# What differs from Nav2's defaults and is read by the modeled stack.\n{values}".encode()
@@ -175,7 +166,7 @@ def report_of(failed: FailedRun, minimization: Minimization) -> Report:
         parts = files | ({} if "the film" in left_out else film)
         if without is not None:
             parts |= {f"{BAG}/{name}": content for name, content in bag(without).items()}
-        report = Report({**parts, README: _readme(failed, minimization, parts, left_out).encode()}, left_out)
+        report = Report({**parts, README: _readme(failed, words, parts, left_out).encode()}, left_out)
         if len(report.zipped()) <= MOST_BYTES:
             return report
     raise UnusableDirectory(
@@ -197,19 +188,18 @@ def _film(failed: FailedRun) -> dict[str, bytes]:
         return {FILM: file.read_bytes()}
 
 
-def _readme(failed: FailedRun, minimization: Minimization, files: Mapping[str, bytes], left_out: Sequence[str]) -> str:
+def _readme(failed: FailedRun, words: str, files: Mapping[str, bytes], left_out: Sequence[str]) -> str:
     columns, metadata = failed.recorded.recording.columns, failed.recorded.metadata
     system = [metadata["host"].get(key) for key in ("machine", "system")]
-    versions = {"vastflow": metadata["vastflow"], **metadata["versions"]}
     text: str = Template(_TEMPLATE.read_text(encoding="utf-8"), trim_blocks=True, lstrip_blocks=True).render(
         failed=failed,
         campaign=metadata["name"],
         facts=failed.facts,
         end_m=[int(columns[name][-1]) / 1000 for name in ("x_mm", "y_mm")],
-        minimization=minimization,
+        words=words,
         files=files,
         left_out=left_out,
-        versions={**versions, "here": version("vastflow")},
+        versions={"vastflow": metadata["vastflow"], **metadata["versions"]},
         host=" ".join(str(each) for each in system if each),
     )
     return text
