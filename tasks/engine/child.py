@@ -27,6 +27,7 @@ _SAID: Final = 2000
 """Bytes of what a process writes that are kept, the last ones."""
 _END_S: Final = 2.0
 """Time in which a process that closed its answers tells how it ended."""
+_LOOK_MS: Final = 1000
 
 
 class NoAnswer(UserError):
@@ -36,9 +37,8 @@ class NoAnswer(UserError):
 class Child:
     """A function in a process of its own session, which imports nothing from its working directory.
 
-    The end of the `with` kills it with its group. However this process ends, the kernel closes the pipe of requests, and the child
-    kills its group: at once, unless it is in compiled code that never lets another thread run. A process of another session is not
-    found.
+    The end of the `with` kills it with its group. However this process ends, the kernel closes the pipe of requests; a process beside
+    the child waits for that, and kills the group. A process of another session is not found.
 
     Args:
         function: `module:name` of what answers a request: a value of JSON, or bytes.
@@ -134,7 +134,10 @@ def _main(function: str, limits: str) -> None:
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
-    threading.Thread(target=_end_with_parent, args=[os.dup(requests.fileno())], daemon=True).start()
+    child = os.getpid()
+    if os.fork() == 0:
+        answers.close()
+        _end_with(child, requests.fileno())
     memory_bytes, file_bytes = json.loads(limits)
     most = {resource.RLIMIT_AS: memory_bytes, resource.RLIMIT_FSIZE: file_bytes, resource.RLIMIT_CORE: 0}
     for kind, value in most.items():
@@ -146,7 +149,6 @@ def _main(function: str, limits: str) -> None:
         for part in _answered(answer, line, memory_bytes):
             answers.write(part)
         answers.flush()
-    os.killpg(0, signal.SIGKILL)
 
 
 def _answered(answer: Callable[[Any], Any], line: bytes, memory_bytes: int | None) -> Sequence[bytes]:
@@ -165,11 +167,15 @@ def _answered(answer: Callable[[Any], Any], line: bytes, memory_bytes: int | Non
     return json.dumps(["problem", problem]).encode(), b"\n"
 
 
-def _end_with_parent(requests: int) -> None:
-    """Kill this process's group once nobody can write requests; `requests` stays open, as closing it looks the same."""
+def _end_with(child: int, requests: int) -> None:
+    """Kill this process's group once nobody can write requests, or the child has ended.
+
+    No thread could do it: some code never lets another one run.
+    """
     closed = select.poll()
     closed.register(requests, 0)
-    closed.poll()
+    while not closed.poll(_LOOK_MS) and os.getppid() == child:
+        pass
     os.killpg(0, signal.SIGKILL)
 
 

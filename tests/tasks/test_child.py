@@ -16,7 +16,7 @@ from vastflow.tasks.engine.process import own_environment
 pytestmark = pytest.mark.timeout(120)
 
 ANSWERS = """
-import os, subprocess, sys, time
+import os, re, subprocess, sys, time
 from pathlib import Path
 from vastflow.sim.model.faults import UserError
 def echo(request): return request
@@ -31,6 +31,7 @@ def leaving(request): print("about to leave"); sys.exit(request)
 def closing(request): os.closerange(0, 64); time.sleep(60)
 def endless(request):
     while True: pass
+def holding(request): re.match("(a+)+$", "a" * 60 + "b")
 def large(request): return len(bytearray(request))
 def written(request): Path("file").write_bytes(bytes(request))
 def started(request): return subprocess.Popen(["sleep", "60"]).pid
@@ -127,9 +128,9 @@ def test_end_kills_child_and_what_it_started(child):
     assert ended(pid)
 
 
-@pytest.mark.parametrize("function", ["endless", "started"])
+@pytest.mark.parametrize("function", ["endless", "holding", "started"])
 def test_killed_process_leaves_no_child(child, tmp_path, function):
-    """A process that is killed in the middle of a request, or between two."""
+    """A process that is killed in the middle of a request, also of one that lets no other thread run, or between two."""
     child(function).__exit__()
     script = (
         "import sys, time\nfrom vastflow.tasks.engine.child import Child\n"
