@@ -21,6 +21,7 @@ from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, int
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.minimization.minimize import Candidate, NotBuilt
 from vastflow.sim.model.blocks import read_recordings, write_recordings
+from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import read_bytes
 from vastflow.sim.model.recording import Outputs, Recording
@@ -42,7 +43,8 @@ class FailedRun:
         failing: Its configuration; its oracle is the first one that failed the run.
         facts: See `facts_of`.
         failed, judged: Runs of the configuration.
-        parameters: Parameters of the robot and Nav2 that differ from Nav2's defaults and that the modeled stack reads.
+        parameters: Parameters of the robot and Nav2 that differ from the defaults and that the modeled stack reads.
+        nav2_file: Name of a Nav2 parameter file that keys can't express; there are no `parameters` beside it.
     """
 
     recorded: RecordedRun
@@ -51,6 +53,7 @@ class FailedRun:
     failed: int
     judged: int
     parameters: Mapping[str, Any] = field(repr=False)
+    nav2_file: str = ""
 
     @property
     def run_index(self) -> int:
@@ -120,7 +123,9 @@ def failed_run(directory: Path, configuration: str, run_index: int) -> FailedRun
     system = system_of(recorded.scenario.system)
     spelled, assumed = system.spelled_out(), system.assumed_keys()
     judged = sum(each != "not judged" for each in together.values())
-    own = {key: value for key, value in spelled.items() if key not in assumed and key != FILE_KEY}
+    own, file = {key: value for key, value in spelled.items() if key not in assumed}, spelled.get(FILE_KEY)
+    if isinstance(file, FileContent):
+        return FailedRun(recorded, failing, facts, len(failed), judged, {}, Path(file.path).name)
     return FailedRun(recorded, failing, facts, len(failed), judged, own)
 
 

@@ -48,6 +48,7 @@ _LEAVING: Final = (
     (_COSTMAPS, ("the costmaps of the bag",)),
     ((*_COSTMAPS, *_SENSED), ("the costmaps, scans, and particles of the bag",)),
     ((*_COSTMAPS, *_SENSED), ("the costmaps, scans, and particles of the bag", "the film")),
+    (None, ("the bag",)),
     (None, ("the bag", "the film")),
 )
 """Topics that a bag lacks, None for no bag, and what is left out in words."""
@@ -160,10 +161,13 @@ def report_of(failed: FailedRun, smaller: Mapping[str, bytes], words: str) -> Re
     files |= {f"{MINIMIZED}/{name}": content for name, content in smaller.items()}
     if failed.parameters:
         values = yaml.safe_dump(_plain(failed.parameters), sort_keys=False, allow_unicode=True)
-        files[PARAMETERS] = f"# What differs from Nav2's defaults and is read by the modeled stack.\n{values}".encode()
+        files[PARAMETERS] = (
+            f"# What differs from the defaults of Nav2 and the robot, and is read by the modeled stack.\n{values}".encode()
+        )
     film, bag = _film(failed), cache(partial(bag_of, failed.recorded))
-    for without, left_out in _LEAVING:
-        parts = files | ({} if "the film" in left_out else film)
+    for without, words in _LEAVING:
+        left_out = tuple(each for each in words if film or each != "the film")
+        parts = files | ({} if "the film" in words else film)
         if without is not None:
             parts |= {f"{BAG}/{name}": content for name, content in bag(without).items()}
         report = Report({**parts, README: _readme(failed, words, parts, left_out).encode()}, left_out)

@@ -20,6 +20,7 @@ from vastflow.flows import run_campaign
 from vastflow.flows.failure import report
 from vastflow.flows.failure.report import BAG, FILM, README
 from vastflow.flows.failure.small_map import with_small_map
+from vastflow.oracles.figures.film import FilmError
 from vastflow.oracles.judgment.verdict import Verdict
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.blocks import read_recordings, write_recordings
@@ -31,6 +32,7 @@ from vastflow.tasks.keys.source import installed_tree
 
 pytestmark = pytest.mark.timeout(300)
 
+CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 CAMPAIGN = SMALL_ROOM.replace("x: 3.0", "x: 4.5") + "  seed: 5\n  timeout: 3\n"
 BOX = """
       - static_objects:
@@ -128,14 +130,49 @@ def test_report_leaves_largest_parts_out_first(made, tmp_path, monkeypatch):
     assert report.MOST_BYTES == 1_000_000
     whole = reported(made, "room-1/0", tmp_path / "whole").output
     assert "left out" not in whole
-    size = int(whole.rpartition(", ")[2].split(" ")[0].replace(",", ""))
+
+    def size_of(said):
+        return int(said.rpartition(", ")[2].split(" ")[0].replace(",", ""))
+
+    size = size_of(whole)
     monkeypatch.setattr(report, "MOST_BYTES", size - 1)
     said = reported(made, "room-1/0", tmp_path / "less").output
     assert "left out: the costmaps of the bag" in said and (tmp_path / "less" / FILM).exists()
     assert "the costmaps of the bag" in (tmp_path / "less" / README).read_text()
-    monkeypatch.setattr(report, "MOST_BYTES", 15_000)
+    monkeypatch.setattr(report, "bag_of", lambda *_: {"rosbag2.mcap": os.urandom(size)})
+    said = reported(made, "room-1/0", tmp_path / "filmed").output
+    assert "left out: the bag\n" in said and "the film" not in said and (tmp_path / "filmed" / FILM).exists()
+    monkeypatch.setattr(report, "MOST_BYTES", size_of(said) - 1)
     said = reported(made, "room-1/0", tmp_path / "least").output
     assert "left out: the bag\nleft out: the film" in said
+
+
+def test_report_without_encoder_does_not_blame_size(made, tmp_path, monkeypatch):
+    def fail(*_):
+        raise FilmError("no ffmpeg")
+
+    monkeypatch.setattr(report, "write_film", fail)
+    assert "left out" not in reported(made, "room-1/0", tmp_path / "failure").output
+    told = (tmp_path / "failure" / README).read_text()
+    assert "film" not in told and "1 MB" not in told
+
+
+def test_report_names_nav2_file_that_no_key_can_express(tmp_path):
+    (tmp_path / "forklift.yaml").write_bytes((CAMPAIGNS / "robots" / "forklift.yaml").read_bytes())
+    text = CAMPAIGN.replace("y: 1.0", "y: 3.0").replace("x: 1.0", "x: 2.0")
+    results = directory_of(tmp_path, text + "  nav2_params: forklift.yaml\n")
+    reported(results, "room-1/0", tmp_path / "failure")
+    told = (tmp_path / "failure" / README).read_text()
+    assert "- `forklift.yaml`: the Nav2 parameter file, which `campaign.vast` names" in told
+    assert not (tmp_path / "failure" / "nav2_parameters.yaml").exists()
+    assert called("repeat-failure", tmp_path / "failure").stdout.startswith("equal: ")
+
+
+def test_report_has_controller_that_the_nav2_file_chooses(tmp_path):
+    (tmp_path / "rpp.yaml").write_bytes((CAMPAIGNS / "nav2" / "rpp.yaml").read_bytes())
+    results = directory_of(tmp_path, CAMPAIGN + "  nav2_params: rpp.yaml\n")
+    reported(results, "room-1/0", tmp_path / "failure")
+    assert yaml.safe_load((tmp_path / "failure" / "nav2_parameters.yaml").read_text())["controller"] == "rpp"
 
 
 def test_cut_map_has_same_cells_where_it_is(tmp_path):
