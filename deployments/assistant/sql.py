@@ -69,7 +69,7 @@ def answer_sql(campaigns: Mapping[str, Path], sql: str, limit: int, offset: int)
     if len(sql) > MOST_SQL or not all(each.isprintable() or each in "\n\r\t" for each in sql):
         raise UserError(f"query: expected printable text of at most {MOST_SQL:,} characters")
     chosen = dict([*campaigns.items()][:MOST_CAMPAIGNS])
-    files = [str(path / file) for path in chosen.values() for file, _, _ in TABLES.values()]
+    files = [str(at) for path in chosen.values() for file, *_ in TABLES.values() if is_inside(at := path / file, path)]
     question = {"sql": sql, "views": [*_views(chosen)], "files": files, "limit": limit, "offset": offset}
     # DuckDB's threads would reserve most of the address space, each an arena of its own.
     environment = {"LC_ALL": "C.UTF-8", "MALLOC_ARENA_MAX": "1"}

@@ -95,6 +95,9 @@ ENDLESS = (
 )
 """Texts that would take all time or memory."""
 
+READS_BY_PATH = 'SELECT a.* FROM "{file}" a, (WITH "{file}" AS (SELECT 1) SELECT 1) b'
+"""A file that a name of a WITH, of which another table of this name is out of scope, lets through the check."""
+
 
 @pytest.fixture(scope="module")
 def campaigns(results) -> dict[str, Path]:
@@ -210,3 +213,6 @@ def test_link_out_of_a_campaign_is_no_table(campaigns, tmp_path):
     (stranger / "runs_wide.parquet").symlink_to(secret)
     with pytest.raises(UserError, match=r"runs.*does not exist|expected"):
         answer_sql({"stranger": stranger}, "SELECT * FROM runs", 5, 0)
+    assert "secret" not in str(
+        timed({"stranger": stranger}, READS_BY_PATH.format(file=stranger / "runs_wide.parquet"))[0]
+    )
