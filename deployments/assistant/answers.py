@@ -202,21 +202,23 @@ class Answers:
         run_index: Annotated[int, Field(ge=0, lt=1 << 31, description="Number of the run.")],
         campaign: Campaign = "",
         limit: Limit = 60,
+        offset: Offset = 0,
     ) -> dict[str, Any]:
         """Describe one recorded run in words: verdicts with metrics, end, and events with times. Nothing is executed."""
         from vastflow.oracles.query.frames import facts_of, stored_run
 
         directory = self.directory(campaign)
         facts = facts_of(stored_run(directory.path, configuration, run_index), configuration)
-        events, reason = facts["events"], facts.get("reason", "")
-        ended = f"{facts['outcome'].replace('_', ' ')} after {facts['simulated_s']:.2f} s"
+        events, reason, sentence = facts["events"], facts.get("reason", ""), facts["sentence"]
+        ended = f"Its mission {facts['outcome'].replace('_', ' ')} after {facts['simulated_s']:.2f} s"
         ended += f": {reason}" * bool(reason)
         failed = [f"{each['oracle']}: {each['reason']}." for each in facts["verdicts"] if each["reason"]]
-        words = " ".join([f"{configuration}, run {run_index}: {facts['judgment']}. Its mission {ended}.", *failed])
-        names = ("judgment", "distance_m", "recoveries", "sentence", "verdicts")
-        told: dict[str, Any] = {key: facts[key] for key in names if key in facts}
+        end = f"{ended}." if facts["outcome"] else sentence
+        words = " ".join([f"{configuration}, run {run_index}: {facts['judgment']}.", end, *failed])
+        shown = ("judgment", "sentence", "verdicts", *(() if sentence else ("distance_m", "recoveries")))
+        told: dict[str, Any] = {key: facts[key] for key in shown}
         step = f"draw_map(configuration={configuration!r}, run_index=[{run_index}], campaign={directory.id!r})"
-        page = _page("events", events[:limit], len(events), 0, step)
+        page = _page("events", events[offset : offset + limit], len(events), offset, step)
         return {"campaign": directory.id, "words": words, **told, **page}
 
     def draw_map(

@@ -143,7 +143,7 @@ def facts_of(run: StoredRun, asked: str) -> dict[str, Any]:
         "behaviors": [*scenario_spans(run.recording.behaviors, told.simulated_s)],
     }
     if not run.recording.columns:
-        where = f"What its programs wrote is below, and in outputs/{run.configuration}.zip of the campaign directory."
+        where = f"What its programs wrote is in outputs/{run.configuration}.zip of the campaign directory."
         facts["sentence"] = f"This scenario has no robot, so there is no map to show. {where}"
     return facts
 

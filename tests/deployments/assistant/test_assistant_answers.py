@@ -4,6 +4,7 @@ import base64
 import io
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ from table import each_row
 
 from vastflow.flows.analysis.comparison import compared
 from vastflow.oracles.evidence.evidence import evidence_of
+from vastflow.oracles.query import frames
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.intervals import wilson
 from vastflow.sim.model.faults import UserError
@@ -89,6 +91,29 @@ def test_run_is_described_in_words_and_events(call, ids):
     assert "stuck" in found["words"]
     passed = call("describe_run", campaign=ids[0], configuration="room-2", run_index=3)
     assert (passed["judgment"], passed["verdicts"][0]["judgment"]) == ("pass", "pass")
+
+
+def test_run_without_recording_or_robot_is_described_without_numbers_of_a_robot(call, ids, results, monkeypatch):
+    place = {"campaign": ids[0], "configuration": "room-2", "run_index": 3}
+    real = frames.stored_run(max(results.iterdir()), "room-2", 3)
+    for recording, words in (
+        (None, "This run was not recorded. The verdicts say why."),
+        (replace(real.recording, columns={}), "Its mission succeeded after 4.10 s."),
+    ):
+        monkeypatch.setattr(frames, "stored_run", lambda *_, told=recording: replace(real, recording=told))
+        found = call("describe_run", **place)
+        assert found["words"] == f"room-2, run 3: pass. {words}"
+        assert found.keys().isdisjoint({"distance_m", "recoveries"}) and found["sentence"]
+
+
+def test_events_of_a_run_go_on_after_the_first_ones(call, ids, monkeypatch):
+    events = [{"t_s": float(k), "kind": "recovery", "x_m": 0.0, "y_m": 0.0, "text": "recovery: spin"} for k in range(5)]
+    real = frames.facts_of
+    monkeypatch.setattr(frames, "facts_of", lambda *asked: {**real(*asked), "events": events})
+    asked = {"campaign": ids[0], "configuration": "room-2", "run_index": 0, "limit": 2}
+    first, last = (call("describe_run", **asked, offset=offset) for offset in (0, 4))
+    assert first["cut"] == ["3 more of events: ask on with a greater offset or limit"]
+    assert (first["events"], last["events"], last["cut"]) == (events[:2], events[4:], [])
 
 
 def test_map_shows_requested_runs(call, ids):
