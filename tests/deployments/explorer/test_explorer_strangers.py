@@ -34,16 +34,28 @@ def test_page_of_a_foreign_run_shows_the_robot(client, foreign, id_of):
 
 
 @pytest.mark.slow
-def test_execution_names_the_code_and_waits_for_permission(client, foreign, id_of, tmp_path):
+@pytest.mark.parametrize("view", ["layers", "mcap"])
+def test_execution_names_the_code_and_waits_for_permission(client, foreign, id_of, tmp_path, view):
     asked = {"c": id_of(foreign), **RUN}
     for permit in ("", "0" * 64):
-        reply = client.post("/api/layers", params={**asked, "permit": permit}, headers=OWN)
+        reply = client.post(f"/api/{view}", params={**asked, "permit": permit}, headers=OWN)
         assert (reply.status_code, reply.json()["asks"]["named"]) == (409, ["inputs/my_pursuit.py"])
         assert "would execute code that you neither made nor permitted" in reply.json()["error"]
     assert executed(tmp_path / "canary") == []
     digest = reply.json()["asks"]["digest"]
     assert digest == foreign_code(foreign).digest
-    assert client.post("/api/layers", params={**asked, "permit": digest}).status_code == 403  # from another page
-    reply = client.post("/api/layers", params={**asked, "permit": digest}, headers=OWN)
-    assert (reply.status_code, len(executed(tmp_path / "canary"))) == (200, 1)
-    assert client.post("/api/layers", params=asked, headers=OWN).status_code == 200
+    assert client.post(f"/api/{view}", params={**asked, "permit": digest}).status_code == 403  # from another page
+    reply = client.post(f"/api/{view}", params={**asked, "permit": digest}, headers=OWN)
+    assert (reply.status_code, len(executed(tmp_path / "canary"))) == (200, 1), reply.text[:500]
+    assert client.post(f"/api/{view}", params=asked, headers=OWN).status_code == 200
+    if view == "mcap":
+        assert reply.content.startswith(b"\x89MCAP0\r\n")
+
+
+@pytest.mark.slow
+def test_bag_is_of_a_configuration_of_the_campaign_alone(client, foreign, id_of, tmp_path):
+    for name in ("../room", "room/../room", "/etc/passwd", "room\0", ""):
+        asked = {"c": id_of(foreign), "configuration": name, "run": "0"}
+        reply = client.post("/api/mcap", params=asked, headers=OWN)
+        assert reply.status_code in (400, 409) and "asks" not in reply.json(), name
+    assert executed(tmp_path / "canary") == []
