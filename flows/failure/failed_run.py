@@ -28,7 +28,7 @@ from vastflow.sim.model.recording import Outputs, Recording
 from vastflow.sim.plug_ins.loading import code_from
 from vastflow.sim.replay import Difference, first_difference
 from vastflow.sim.run import run
-from vastflow.sim.system.keys import FILE_KEY
+from vastflow.sim.system.keys import FILE_KEY, RECORDING_KEY
 from vastflow.sim.system.system import system_of
 
 CAMPAIGN: Final = "campaign.vast"
@@ -92,7 +92,8 @@ def failed_run(directory: Path, configuration: str, run_index: int) -> FailedRun
     """Read a failed run.
 
     Raises:
-        UnusableDirectory: an unknown configuration or run, one that did not fail, has no robot, or is on a floor plan, or a damaged directory.
+        UnusableDirectory: an unknown configuration or run, one that did not fail, has no robot, was imported, or is on a floor plan,
+            or a damaged directory.
     """
     recorded = recorded_run(directory, configuration, run_index)
     name, place = recorded.configuration, f"{directory}: {configuration}/{run_index}"
@@ -112,6 +113,8 @@ def failed_run(directory: Path, configuration: str, run_index: int) -> FailedRun
             f"{place}: expected a run of a robot, got one of programs alone, which need not repeat. "
             f"`vastflow export` with `--only {configuration}` writes what they printed and wrote."
         )
+    if RECORDING_KEY in recorded.scenario.system:
+        raise UnusableDirectory(f"{place}: expected a simulated run, got an imported one, which nobody can repeat")
     if MESH_KEY in recorded.scenario.environment:
         what = "a run on a map, got one on a floor plan: its random numbers follow from the mesh too, which no campaign file can name"
         raise UnusableDirectory(f"{place}: expected {what}")

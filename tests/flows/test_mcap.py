@@ -261,6 +261,20 @@ def test_bag_of_a_run_that_comes_out_otherwise_has_the_recorded_part_alone(recor
     assert about["executed_again"] == words
 
 
+def test_bag_of_an_imported_run_has_no_truth_that_nothing_measured(recorded, tmp_path):
+    from dataclasses import replace
+
+    recording = recorded.recording
+    kept = {k: v for k, v in recording.columns.items() if not k.startswith(("covariance_", "command_"))}
+    imported = replace(recording, columns=kept, run=replace(recording.run, estimated_by="amcl"))
+    for name, content in bag_of(replace(recorded, recording=imported)).items():
+        (tmp_path / name).write_bytes(content)
+    told = read(tmp_path)
+    topics = {topic for _, topic, _ in told}
+    assert topics.isdisjoint({"/ground_truth/odom", "/cmd_vel_nav"}) and {"/tf", "/cmd_vel", "/amcl_pose"} <= topics
+    assert {each.child_frame_id for _, m in of(told, "/tf") for each in m.transforms} == {"odom", "base_link"}
+
+
 def test_command_exports_one_run_with_a_layout_of_topics_that_exist(results, tmp_path):
     done = called("export", results, tmp_path / "out", "--format", "mcap", "--only", "room-1/1")
     assert done.exit_code == 0, done.output

@@ -70,7 +70,7 @@ def bag_of(recorded: RecordedRun, without: Collection[str] = ()) -> dict[str, by
     if missing:
         told = RunBag(without)  # without what another run saw
         told.says(0, missing, WARN)
-    _tell_rows(told, recording.columns, with_frames=bool(missing))
+    _tell_rows(told, recording.columns, with_frames=bool(missing), with_truth=not recording.run.estimated_by)
     told.begins(world.map if world else None, lidar, situation.start)
     tracks = obstacle_tracks_of(situation, recording.run, signals_of(recording.columns))
     told.surroundings(tracks, recording.run.events, int(recording.columns["t_ms"][-1]))
@@ -104,31 +104,41 @@ def _execute(told: RunBag, recorded: RecordedRun, lidar: Lidar) -> str:
         executed = run(
             recorded.scenario, index, recorded.seed, watch, range(round(recorded.scenario.timeout_s / TICK_S))
         )
-    except ValueError as error:  # a scenario of another version
-        return f"only what was recorded: the run can't be executed by this version: {error}"
+    except ValueError as error:  # a scenario of another version, or an imported run
+        return f"only what was recorded: the run can't be executed here: {error}"
     difference = first_difference(recorded.recording, executed)
     return "" if difference is None else f"only what was recorded: executed here, the run differs: {difference}"
 
 
-def _tell_rows(told: RunBag, columns: Mapping[str, NDArray[np.int32]], *, with_frames: bool) -> None:
-    """Tell what was recorded; with frames that have the estimate as odometry, where that was not recorded."""
+def _tell_rows(
+    told: RunBag, columns: Mapping[str, NDArray[np.int32]], *, with_frames: bool, with_truth: bool
+) -> None:
+    """Tell what was recorded, of an imported run with fewer columns.
+
+    Args:
+        with_frames: Tell frames that have the estimate as odometry, where that was not recorded.
+        with_truth: False where the recorded pose is the estimate itself.
+    """
     rows = signals_of(columns)
     names = ("t_s", "x_m", "y_m", "yaw_rad", "estimated_x_m", "estimated_y_m", "estimated_yaw_rad", "localized")
-    covariances = np.column_stack([rows[f"covariance_{name}"] for name in ("xx_m2", "xy_m2", "yy_m2", "yaw_rad2")])
     still = np.zeros(len(rows["t_s"]))
-    motions = [
-        np.column_stack(
+    spreads = (rows.get(f"covariance_{name}", still) for name in ("xx_m2", "xy_m2", "yy_m2", "yaw_rad2"))
+    covariances = np.column_stack([*spreads])
+    motions = {
+        topic: np.column_stack(
             [rows[f"{of}speed_mps"], rows.get(f"{of}lateral_speed_mps", still), rows[f"{of}yaw_rate_radps"]]
         )
-        for of in ("", "command_", "sent_")
-    ]
+        for topic, of in (("", ""), ("/cmd_vel_nav", "command_"), ("/cmd_vel", "sent_"))
+        if f"{of}speed_mps" in rows
+    }
+    own = motions.pop("")
     for k, row in enumerate(zip(*(rows[name].tolist() for name in names), strict=True)):
         t_s, true, estimate, is_new = row[0], Pose(*row[1:4]), Pose(*row[4:7]), row[7]
         if with_frames:
-            told.frames(t_s, _NO_POSE, estimate, true)
-        own, commanded, sent = (each[k].tolist() for each in motions)
-        told.truth(t_s, true, *own)
-        told.commanded(t_s, "/cmd_vel_nav", *commanded)
-        told.commanded(t_s, "/cmd_vel", *sent)
+            told.frames(t_s, _NO_POSE, estimate, true if with_truth else None)
+        if with_truth:
+            told.truth(t_s, true, *own[k].tolist())
+        for topic, motion in motions.items():
+            told.commanded(t_s, topic, *motion[k].tolist())
         if is_new:
             told.localized(t_s, estimate, covariances[k])

@@ -72,10 +72,10 @@ class RunBag(Bag):
         if start is not None:
             self.add("/initialpose", 0, header=_header(0, MAP), pose={"pose": _pose(start)})
 
-    def frames(self, t_s: float, map_odom: Pose, odometry: Pose, true: Pose) -> None:
+    def frames(self, t_s: float, map_odom: Pose, odometry: Pose, true: Pose | None) -> None:
         """Add the transforms of a time, and the time."""
         t_ns = nanoseconds(t_s)
-        told = [(MAP, ODOM, map_odom), (ODOM, BASE, odometry), (MAP, TRUE_BASE, true)]
+        told = [(MAP, ODOM, map_odom), (ODOM, BASE, odometry), *([(MAP, TRUE_BASE, true)] if true else [])]
         self.add("/clock", t_ns, clock=_time(t_ns))
         self.add("/tf", t_ns, transforms=[_transform(t_ns, *each) for each in told])
 
