@@ -34,6 +34,7 @@ def notebook(
     with Interruptible("Interrupted."):
         from vastflow.flows.results.address import check_directory
         from vastflow.flows.run.notebook import Book, execute_books, filled, shipped
+        from vastflow.oracles.query.frames import stored_run
         from vastflow.oracles.results.executed import configuration_row
         from vastflow.producers.campaign_file.visualization import missing_library
 
@@ -43,6 +44,8 @@ def notebook(
         name, index = configuration_and_run(run) if run else (configuration, 0)
         if name:
             configuration_row(results, name)  # or says that there is none
+        if run:
+            stored_run(results, name, int(index))
         where = results.resolve()
         values: dict[str, Any] = {"RESULTS": str(where), "CONFIGURATION": name, "RUN": index}
         text = shipped("run" if run else "config" if name else "campaign")

@@ -233,6 +233,9 @@ def test_notebook_command_refuses_unknown_names_and_overwrites_nothing(results, 
         "notebook", directory, "--run", "room-1"
     )
     assert "Unknown configuration 'rom-1'" in refused("notebook", directory, "--configuration", "rom-1")
+    assert refused("notebook", directory, "--run", "room-1/7", "--no-execute").endswith(
+        "room-1: expected the number of a run, 0 to 1, got 7"
+    )
     assert "got several" in refused("notebook", directory, "--run", "room-1/0", "--campaign")
     out = ("--folder", tmp_path / "out")
     called("notebook", directory, "--no-execute", "--run", "room-1/1", *out)
