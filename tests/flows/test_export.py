@@ -148,6 +148,23 @@ def test_recording_csv_has_recorded_decimals():
     assert max(len(x_m) for (x_m,) in rows) <= len("-70.000")
 
 
+def test_poses_csv_tells_the_estimate_from_the_truth():
+    names = ("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad")
+    recorded = dict(zip(names, np.array([[0, 100], [1, 2], [3, 4], [5, 6], [7, 8], [9, 10], [11, 12]]), strict=True))
+    run = ExportedRun("c", "room-1", 0, [], None, None, recorded=recorded)
+    rows = [*csv.DictReader(io.StringIO(dict(files_of(run, case_of(run)))["poses.csv"].decode()))]
+    told = [(each["frame"], *(float(each[name]) for name in POSES)) for each in rows]
+    assert told == [
+        ("base_link", 0.0, 0.007, 0.009, 0.011),
+        ("turtlebot4_base_link_gt", 0.0, 0.001, 0.003, 0.005),
+        ("base_link", 0.1, 0.008, 0.010, 0.012),
+        ("turtlebot4_base_link_gt", 0.1, 0.002, 0.004, 0.006),
+    ]
+
+
+POSES = ("timestamp", "position.x", "position.y", "orientation.yaw")
+
+
 def test_export_leaves_table_beside_file_of_its_name_as_parquet(small_room, tmp_path):
     outputs = Outputs(
         {"a": {"n": np.array([1])}, "b.parquet": {"n": np.array([2])}, "b": {"n": np.array([3])}}, {"a.csv": b"?"}

@@ -18,10 +18,14 @@ from vastflow.flows.export.mcap.mcap import bag_of
 from vastflow.flows.export.mcap.messages import RunBag
 from vastflow.flows.export.mcap.topics import TOPICS, typestore
 from vastflow.oracles.judgment.verdict import Verdict
+from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event
+from vastflow.sim.model.shape import Box
 from vastflow.sim.nav2.navigator.state import RECOVERIES
 from vastflow.sim.run import run
 from vastflow.tasks.keys.keys import EXECUTE_SOURCE, Keys, numeric_class
@@ -231,13 +235,57 @@ def test_another_reader_finds_the_same_messages(bag, messages):
     assert must <= counts.keys()
 
 
+def test_odometry_is_the_transform_of_its_time_and_moves_as_it_says(messages):
+    transforms = {
+        t_ns: {each.child_frame_id: each.transform.translation for each in m.transforms}["base_link"]
+        for t_ns, m in of(messages, "/tf")
+    }
+    odometry = of(messages, "/odom")
+    places = np.array([(m.pose.pose.position.x, m.pose.pose.position.y) for _, m in odometry])
+    assert np.allclose(places, [(transforms[t_ns].x, transforms[t_ns].y) for t_ns, _ in odometry], rtol=0, atol=1e-12)
+    steps_mps = np.hypot(*np.diff(places, axis=0).T) / 0.05
+    told_mps = np.array([m.twist.twist.linear.x for _, m in odometry])[1:]  # over the step that ends here
+    assert told_mps.max() > 0.2 and np.abs(steps_mps - told_mps).max() < 0.01
+
+
+def test_estimates_have_the_covariance_that_was_recorded(messages, recorded):
+    columns = recorded.recording.columns
+    new = columns["localized"] == 1
+    for place, name in ((0, "xx_mm2"), (1, "xy_mm2"), (6, "xy_mm2"), (7, "yy_mm2"), (35, "yaw_mrad2")):
+        told = [m.pose.covariance[place] for _, m in of(messages, "/amcl_pose")]
+        assert np.allclose(told, columns[f"covariance_{name}"][new] / 1e6, rtol=0, atol=1e-12), name
+    assert columns["covariance_yaw_mrad2"].any()
+
+
+def test_footprint_turns_with_the_robot(tmp_path):
+    told = RunMessages(Bag())
+    outline_m = np.array([[0.5, 0.2], [-0.5, 0.2], [-0.5, -0.2], [0.5, -0.2]])
+    points = told._footprint(0, outline_m, Pose(1.0, 2.0, np.pi / 2)).polygon.points
+    assert np.allclose([(each.x, each.y) for each in points], [(0.8, 2.5), (0.8, 1.5), (1.2, 1.5), (1.2, 2.5)])
+
+
+def test_obstacle_that_disappears_is_deleted_from_the_view(tmp_path):
+    box = Obstacle("box", Box(0.5, 0.4), Pose(1.0, 2.0, 0.3))
+    places = np.array([(np.inf, np.inf), (1.0, 2.0), (np.inf, np.inf)])
+    track = ObstacleTrack(box, np.array([-1, 1000, 2000]), places, np.array([0.0, 0.3, 0.0]))
+    bag = Bag()
+    RunMessages(bag).surroundings([track], (), 5_000)
+    for name, content in bag.files({"of": "a test"}).items():
+        (tmp_path / name).write_bytes(content)
+    told = of(read(tmp_path), "/ground_truth/obstacles")
+    assert [(t_ns, [each.action for each in m.markers]) for t_ns, m in told] == [(10**9, [0]), (2 * 10**9, [2])]
+    (marker,) = told[0][1].markers
+    assert (marker.ns, marker.type, marker.scale.x, marker.scale.y) == ("box", 1, 0.5, 0.4)
+    assert (marker.pose.position.x, yaw_of(marker.pose.orientation)) == pytest.approx((1.0, 0.3))
+
+
 def test_costmaps_have_the_walls_at_their_places(messages):
     ((_, occupancy),) = of(messages, "/map")
     _, costs = of(messages, "/global_costmap/costmap")[-1]
     walls = np.array(occupancy.data) == 100
     assert (costs.info.width, costs.info.height) == (occupancy.info.width, occupancy.info.height)
     assert (np.array(costs.data)[walls] == 100).all()
-    assert set(np.unique(np.array(costs.data))) <= set(range(-1, 101))
+    assert {0, 99, 100} <= set(np.unique(np.array(costs.data))) <= set(range(-1, 101))  # 99 is inscribed
     _, local = of(messages, "/local_costmap/costmap")[-1]
     assert local.header.frame_id == "odom"
     assert abs(yaw_of(local.info.origin.orientation)) < 1e-9  # its edges lie along those of odom
