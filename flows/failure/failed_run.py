@@ -43,7 +43,7 @@ class FailedRun:
         failing: Its configuration; its oracle is the first one that failed the run.
         facts: See `facts_of`.
         failed, judged: Runs of the configuration.
-        parameters: Parameters of the robot and Nav2 that differ from the defaults and that the modeled stack reads.
+        parameters: Parameters of robot and Nav2 that the campaign sets, and those of its Nav2 file that differ from the defaults.
         nav2_file: Name of a Nav2 parameter file that keys can't express; there are no `parameters` beside it.
     """
 

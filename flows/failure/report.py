@@ -162,7 +162,7 @@ def report_of(failed: FailedRun, smaller: Mapping[str, bytes], words: str) -> Re
     if failed.parameters:
         values = yaml.safe_dump(_plain(failed.parameters), sort_keys=False, allow_unicode=True)
         files[PARAMETERS] = (
-            f"# What differs from the defaults of Nav2 and the robot, and is read by the modeled stack.\n{values}".encode()
+            f"# What the campaign sets of robot and Nav2, and what its Nav2 file has that differs from Nav2's defaults.\n{values}".encode()
         )
     film, bag = _film(failed), cache(partial(bag_of, failed.recorded))
     for without, words in _LEAVING:

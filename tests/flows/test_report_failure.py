@@ -38,7 +38,7 @@ BOX = """
       - static_objects:
           - {entity_name: box, model: box, spawn_pose: {x: 3.0, y: 2.0}, xacro_arguments: "width:=0.5, length:=0.5"}
 """
-JUDGMENTS = ("fail", "pass", "fail")
+JUDGMENTS = ("fail", "pass", "fail", "not judged")
 
 
 def directory_of(folder, text):
@@ -78,7 +78,11 @@ def test_report_repeats_to_same_recording_elsewhere(made, tmp_path):
         archive.extractall(tmp_path / "elsewhere")
     folder = tmp_path / "elsewhere"
     told = (folder / README).read_text()
-    assert "# room-1, run 2 of" in told and "2 of 3 runs (67 %" in told and "vastflow repeat-failure ." in told
+    assert (
+        "# room-1, run 2 of" in told
+        and "2 of 3 runs (67 %, 95 % interval 9 to 99 %)" in told
+        and "vastflow repeat-failure ." in told
+    )
     assert str(made.parent) not in "".join(file.read_text() for file in folder.rglob("*.vast"))
     assert (folder / FILM).stat().st_size and (folder / BAG / f"{BAG}.mcap").stat().st_size
     repeated = called("repeat-failure", folder)
@@ -116,9 +120,10 @@ def test_repeat_executes_no_code_without_trust(made, tmp_path):
     ("asked", "said"),
     [
         ("nowhere/0", "nknown configuration 'nowhere'"),
-        ("room-1/7", "no run 7 of room-1. It has 0, 1, 2"),
+        ("room-1/7", "no run 7 of room-1. It has 0, 1, 2, 3"),
         ("room-1", "expected CONFIGURATION/RUN, such as room-1/0, got 'room-1'"),
         ("room-1/1", "expected a run that failed, got one that passed. Runs 0, 2 of it failed."),
+        ("room-1/3", "expected a run that failed, got one that was not judged. Runs 0, 2 of it failed."),
     ],
 )
 def test_report_refuses_runs_without_failure(made, tmp_path, asked, said):
@@ -172,7 +177,8 @@ def test_report_has_controller_that_the_nav2_file_chooses(tmp_path):
     (tmp_path / "rpp.yaml").write_bytes((CAMPAIGNS / "nav2" / "rpp.yaml").read_bytes())
     results = directory_of(tmp_path, CAMPAIGN + "  nav2_params: rpp.yaml\n")
     reported(results, "room-1/0", tmp_path / "failure")
-    assert yaml.safe_load((tmp_path / "failure" / "nav2_parameters.yaml").read_text())["controller"] == "rpp"
+    parameters = yaml.safe_load((tmp_path / "failure" / "nav2_parameters.yaml").read_text())
+    assert parameters == {"controller": "rpp", "laserscan_gaussian_noise_std_deviation": 0.0}
 
 
 def test_cut_map_has_same_cells_where_it_is(tmp_path):
