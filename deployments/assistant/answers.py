@@ -31,7 +31,8 @@ _KEPT: Final = 2
 _COUNTS: Final = ("configurations", "rejected", "passed", "failed", "not_judged", "runs_done", "runs_total")
 _CAMPAIGN: Final = "Id from `campaigns`; empty if one campaign is served."
 _HOW: Final = (
-    "A rate is the mean of the rates of configurations, without runs that were not judged. At 95 %, `interval` is for these configurations "
+    "A rate is the mean of the rates of configurations, without runs that were not judged; of runs that a rule ended, each has its `weight`. "
+    "At 95 %, `interval` is for these configurations "
     "if they were run again, `others` for others of their kind; null where nothing follows."
 )
 _MEANINGS: Final[Mapping[str, str]] = {
