@@ -9,9 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from hostile import executed, stranger
 from PIL import Image
 from table import each_row
 
+from vastflow.deployments.assistant.answers import Answers
+from vastflow.deployments.explorer.directories import Directories
 from vastflow.flows.analysis.comparison import compared
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.query import frames
@@ -114,6 +117,17 @@ def test_events_of_a_run_go_on_after_the_first_ones(call, ids, monkeypatch):
     first, last = (call("describe_run", **asked, offset=offset) for offset in (0, 4))
     assert first["cut"] == ["3 more of events: ask on with a greater offset or limit"]
     assert (first["events"], last["events"], last["cut"]) == (events[:2], events[4:], [])
+
+
+def test_answers_on_a_campaign_of_others_execute_nothing_of_it(tmp_path):
+    (tmp_path / "results").mkdir()
+    stranger(tmp_path / "results", tmp_path / "canary")
+    answers = Answers(Directories([tmp_path / "results"]))
+    run = {"configuration": "room", "run_index": 0}
+    assert answers.describe_run(**run)["words"].startswith("room, run 0: fail. Its mission aborted")
+    assert answers.draw_map(configuration="room")[1].startswith("room: 1 of 1 runs, 1 failed")
+    assert answers.tables()["runs"] == answers.failures()["failed"] == 1
+    assert executed(tmp_path / "canary") == []
 
 
 def test_map_shows_requested_runs(call, ids):
