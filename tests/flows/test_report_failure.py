@@ -83,6 +83,7 @@ def test_report_repeats_to_same_recording_elsewhere(made, tmp_path):
         and "2 of 3 runs (67 %, 95 % interval 9 to 99 %)" in told
         and "vastflow repeat-failure ." in told
     )
+    assert "by `repeat-failure` with `--trust` alone" in told
     assert str(made.parent) not in "".join(file.read_text() for file in folder.rglob("*.vast"))
     assert (folder / FILM).stat().st_size and (folder / BAG / f"{BAG}.mcap").stat().st_size
     repeated = called("repeat-failure", folder)
