@@ -2,6 +2,7 @@
 
 import io
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event
 from vastflow.sim.model.shape import Box
 from vastflow.sim.nav2.navigator.state import RECOVERIES
+from vastflow.sim.replay import Patch
 from vastflow.sim.run import run
 from vastflow.tasks.keys.keys import EXECUTE_SOURCE, Keys, numeric_class
 from vastflow.tasks.keys.source import installed_tree
@@ -258,10 +260,19 @@ def test_estimates_have_the_covariance_that_was_recorded(messages, recorded):
 
 
 def test_footprint_turns_with_the_robot(tmp_path):
-    told = RunMessages(Bag())
-    outline_m = np.array([[0.5, 0.2], [-0.5, 0.2], [-0.5, -0.2], [0.5, -0.2]])
-    points = told._footprint(0, outline_m, Pose(1.0, 2.0, np.pi / 2)).polygon.points
-    assert np.allclose([(each.x, each.y) for each in points], [(0.8, 2.5), (0.8, 1.5), (1.2, 1.5), (1.2, 2.5)])
+    bag = Bag()
+    nothing, outline_m = np.empty((0, 2)), np.array([[0.5, 0.2], [-0.5, 0.2], [-0.5, -0.2], [0.5, -0.2]])
+    moment = SimpleNamespace(t_s=0.0, goal=0, estimate=Pose(1.0, 2.0, np.pi / 2))
+    costs = Patch(np.zeros((1, 1), dtype=np.uint8), Pose(0.0, 0.0), 0.05)
+    paths = dict.fromkeys(("plan_xy_m", "ahead_xy_m", "intended_xy_m", "particles"), nothing)
+    snapshot = SimpleNamespace(moment=moment, goals=(), outline_m=outline_m, local_costs=costs, **paths)
+    told = SimpleNamespace(map_odom=Pose(0.0, 0.0), updates=-1)
+    RunMessages(bag).seen(snapshot, told, has_local=True, has_global=False)
+    for name, content in bag.files({"of": "a test"}).items():
+        (tmp_path / name).write_bytes(content)
+    ((_, message),) = of(read(tmp_path), "/local_costmap/published_footprint")
+    points = [(each.x, each.y) for each in message.polygon.points]
+    assert np.allclose(points, [(0.8, 2.5), (0.8, 1.5), (1.2, 1.5), (1.2, 2.5)])
 
 
 def test_obstacle_that_disappears_is_deleted_from_the_view(tmp_path):
