@@ -165,9 +165,9 @@ def report_of(failed: FailedRun, smaller: Mapping[str, bytes], words: str) -> Re
             f"# What the campaign sets of robot and Nav2, and what its Nav2 file has that differs from Nav2's defaults.\n{values}".encode()
         )
     film, bag = _film(failed), cache(partial(bag_of, failed.recorded))
-    for without, words in _LEAVING:
-        left_out = tuple(each for each in words if film or each != "the film")
-        parts = files | ({} if "the film" in words else film)
+    for without, named in _LEAVING:
+        left_out = tuple(each for each in named if film or each != "the film")
+        parts = files | ({} if "the film" in named else film)
         if without is not None:
             parts |= {f"{BAG}/{name}": content for name, content in bag(without).items()}
         report = Report({**parts, README: _readme(failed, words, parts, left_out).encode()}, left_out)

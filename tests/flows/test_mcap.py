@@ -14,7 +14,6 @@ from room import SMALL_ROOM, drawn_room
 from rosbags.highlevel import AnyReader
 from whole_directory import ConfigurationResult, write_results
 
-from vastflow.flows.export.mcap.bag import Bag
 from vastflow.flows.export.mcap.mcap import bag_of
 from vastflow.flows.export.mcap.messages import RunBag
 from vastflow.flows.export.mcap.topics import TOPICS, typestore
@@ -260,14 +259,14 @@ def test_estimates_have_the_covariance_that_was_recorded(messages, recorded):
 
 
 def test_footprint_turns_with_the_robot(tmp_path):
-    bag = Bag()
+    bag = RunBag()
     nothing, outline_m = np.empty((0, 2)), np.array([[0.5, 0.2], [-0.5, 0.2], [-0.5, -0.2], [0.5, -0.2]])
     moment = SimpleNamespace(t_s=0.0, goal=0, estimate=Pose(1.0, 2.0, np.pi / 2))
     costs = Patch(np.zeros((1, 1), dtype=np.uint8), Pose(0.0, 0.0), 0.05)
     paths = dict.fromkeys(("plan_xy_m", "ahead_xy_m", "intended_xy_m", "particles"), nothing)
     snapshot = SimpleNamespace(moment=moment, goals=(), outline_m=outline_m, local_costs=costs, **paths)
     told = SimpleNamespace(map_odom=Pose(0.0, 0.0), updates=-1)
-    RunMessages(bag).seen(snapshot, told, has_local=True, has_global=False)
+    bag.seen(snapshot, told, has_local=True, has_global=False)
     for name, content in bag.files({"of": "a test"}).items():
         (tmp_path / name).write_bytes(content)
     ((_, message),) = of(read(tmp_path), "/local_costmap/published_footprint")
@@ -279,8 +278,8 @@ def test_obstacle_that_disappears_is_deleted_from_the_view(tmp_path):
     box = Obstacle("box", Box(0.5, 0.4), Pose(1.0, 2.0, 0.3))
     places = np.array([(np.inf, np.inf), (1.0, 2.0), (np.inf, np.inf)])
     track = ObstacleTrack(box, np.array([-1, 1000, 2000]), places, np.array([0.0, 0.3, 0.0]))
-    bag = Bag()
-    RunMessages(bag).surroundings([track], (), 5_000)
+    bag = RunBag()
+    bag.surroundings([track], (), 5_000)
     for name, content in bag.files({"of": "a test"}).items():
         (tmp_path / name).write_bytes(content)
     told = of(read(tmp_path), "/ground_truth/obstacles")
@@ -378,7 +377,7 @@ def test_export_names_missing_package(recorded, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     try:
         with pytest.raises(Exception, match=r"^bags need the package rosbags: pip install 'vastflow\[ros\]'$"):
-            Bag()
+            RunBag()
     finally:
         typestore.cache_clear()
 

@@ -110,9 +110,7 @@ def _execute(told: RunBag, recorded: RecordedRun, lidar: Lidar) -> str:
     return "" if difference is None else f"only what was recorded: executed here, the run differs: {difference}"
 
 
-def _tell_rows(
-    told: RunBag, columns: Mapping[str, NDArray[np.int32]], *, with_frames: bool, with_truth: bool
-) -> None:
+def _tell_rows(told: RunBag, columns: Mapping[str, NDArray[np.int32]], *, with_frames: bool, with_truth: bool) -> None:
     """Tell what was recorded, of an imported run with fewer columns.
 
     Args:
