@@ -130,7 +130,7 @@ def test_end_kills_child_and_what_it_started(child):
 
 @pytest.mark.parametrize("function", ["endless", "holding", "started"])
 def test_killed_process_leaves_no_child(child, tmp_path, function):
-    """A process that is killed in the middle of a request, also of one that lets no other thread run, or between two."""
+    """Kill it within a request, also of one that lets no other thread run, or between two."""
     child(function).__exit__()
     script = (
         "import sys, time\nfrom vastflow.tasks.engine.child import Child\n"
