@@ -59,7 +59,7 @@ class Bag:
     Attributes:
         topics: Role to topic, see `vastflow.flows.bags.reading`.
         roles: Role to its messages; empty ones where there is none.
-        frames: Role to parent and child frame of odometry.
+        frames: Parent and child frame of odometry.
         edges: Parent and child frame to the transforms between them.
         fixed: The same of static transforms.
         behaviors: Log time (s) and name of each behavior that a tree began.
@@ -71,7 +71,7 @@ class Bag:
     name: str
     topics: Mapping[str, str]
     roles: Mapping[str, Messages] = field(repr=False)
-    frames: Mapping[str, tuple[str, str]]
+    frames: tuple[str, str]
     edges: Mapping[tuple[str, str], Messages] = field(repr=False)
     fixed: Mapping[tuple[str, str], tuple[float, float, float]]
     behaviors: Sequence[tuple[float, str]]

@@ -1,7 +1,7 @@
 """Calibration: a robot's noise, dead time, and lag, fitted to its bags with intervals."""
 
-import itertools
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,25 +12,29 @@ from numpy.typing import NDArray
 from scipy import optimize, signal, stats
 
 from vastflow.flows.bags.bag import Bag, BagError, read_bag
-from vastflow.flows.bags.drive import Clock, Frames, clock_of, joined, origin_of, truth_of
-from vastflow.sim.world.lidar import scan
-from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.skip_table import skip_table_of
+from vastflow.flows.bags.drive import Clock, Frames, clock_of, inverse, joined, truth_of
 
 LEVEL: Final = 0.99
 MOST_SCANS: Final = 240
-GATE_M: Final = 0.3
-"""Difference of a range from the map's beyond which the beam met something else."""
-SURFACE: Final = 0.02
-"""Relative difference from a straight wall up to which neighboring beams meet one surface."""
-PIECE_M: Final = 0.25
-PIECE_RAD: Final = 0.25
+SECTORS: Final = 9
+"""Parts of a scan, the median of which corners, pillars, and people in some of them don't move."""
+PIECE: Final = 0.25
+"""Length of a piece of a drive: m, or rad of a turn."""
 STEP_S: Final = 0.01
 LONGEST_DEAD_S: Final = 0.6
 MODEL_SHARE: Final = 0.02
 """Half-width that is added to the interval of the lidar's noise, for corners and round things taken for walls."""
+LEAST: Final = {
+    "noise": (20, "scans with straight walls"),
+    "dropout": (20, "scans of surfaces"),
+    "along": (8, f"straight pieces of {PIECE} m by odometry and a true pose"),
+    "turned": (8, f"turns of {PIECE} rad on the spot by odometry and a true pose"),
+    "response": (4, "steps of a command that odometry follows"),
+}
+"""Kind of samples to how many a fit takes."""
 
 Numbers = NDArray[np.float64]
+Samples = dict[str, list[tuple[float, ...]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,329 +65,207 @@ class Calibration:
     notes: tuple[str, ...]
 
 
-@dataclass
-class _Samples:
-    """Estimates of the pieces of all bags."""
-
-    noise_m: list[float]
-    dropout: list[float]
-    along: list[tuple[float, float, float]]  # distance, its error, error of the yaw
-    turned: list[tuple[float, float, float]]  # turn, error of the distance, error of the yaw
-    response: list[tuple[float, float, float]]  # dead time, lag, period of odometry
-
-
-def calibrate(
-    bags: Sequence[Path],
-    ground: OccupancyMap | None,
-    namespace: str = "",
-    mount: tuple[float, float, float] | None = None,
-) -> Calibration:
+def calibrate(bags: Sequence[Path], namespace: str = "") -> Calibration:
     """Fit the robot of several bags.
-
-    Args:
-        ground: The map that the robot had; None to compare beams with their neighbors alone.
-        mount: Pose of the lidar on the robot (m, m, rad), for bags without that transform.
 
     Raises:
         BagError: a bag that can't be read, or nothing in them that can be fitted.
     """
-    samples, notes = _Samples([], [], [], [], []), []
+    samples: Samples = defaultdict(list)
+    notes: list[str] = []
     for path in bags:
         bag = read_bag(path, namespace, scans=True)
         clock, clock_notes = clock_of(bag)
-        frames = Frames(bag, clock)
-        notes += [f"{bag.name}: {note}" for note in (*bag.notes, *clock_notes)]
-        notes += [f"{bag.name}: {note}" for note in _take_scans(samples, bag, clock, frames, ground, mount)]
-        notes += [f"{bag.name}: {note}" for note in _take_odometry(samples, bag, clock, frames)]
-        notes += [f"{bag.name}: {note}" for note in _take_response(samples, bag, clock)]
-    fitted = [*_lidar(samples), *_odometry(samples), *_response(samples)]
-    if not fitted:
-        raise BagError(f"expected scans, a true pose, or commands with odometry, got none ({', '.join(notes)})")
-    return Calibration(tuple(fitted), tuple(notes))
+        _take_scans(samples, bag)
+        _take_response(samples, bag, clock)
+        notes += [f"{bag.name}: {note}" for note in (*bag.notes, *clock_notes, *_take_odometry(samples, bag, clock))]
+    for kind, (least, what) in LEAST.items():
+        if (found := len(samples[kind])) < least:
+            notes.append(f"expected at least {least} {what}, got {found}")
+            del samples[kind]
+    if not any(samples.values()):
+        raise BagError(f"nothing to fit: {'; '.join(notes)}")
+    return Calibration((*_lidar(samples), *_odometry(samples), *_response(samples)), tuple(notes))
 
 
-def mean_interval(values: Sequence[float]) -> tuple[float, float, float]:
+def mean_interval(values: Numbers) -> tuple[float, float, float]:
     """Mean of independent pieces with its t interval."""
-    found = np.asarray(values, dtype=np.float64)
-    half = float(stats.t.ppf((1 + LEVEL) / 2, len(found) - 1) * found.std(ddof=1) / math.sqrt(len(found)))
-    mean = float(found.mean())
-    return mean, mean - half, mean + half
+    half = float(stats.t.ppf((1 + LEVEL) / 2, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
+    return float(values.mean()), float(values.mean()) - half, float(values.mean()) + half
 
 
-def deviation_interval(squares: Sequence[float]) -> tuple[float, float, float]:
+def deviation_interval(squares: Numbers) -> tuple[float, float, float]:
     """Root of the mean of squares with its chi-squared interval, which heavy tails widen.
 
     Of n pieces with kurtosis k the variance of the mean square is (k - 1) / n of its square, as with 2 n / (k - 1) degrees of freedom.
     """
-    found = np.asarray(squares, dtype=np.float64)
-    mean = float(found.mean())
+    mean = float(squares.mean())
     if not mean > 0.0:
         return 0.0, 0.0, 0.0
-    kurtosis = max(3.0, float(np.mean(found * found)) / (mean * mean))
-    freedom = (len(found) - 1) * 2.0 / (kurtosis - 1.0)
+    kurtosis = max(3.0, float(np.mean(squares * squares)) / (mean * mean))
+    freedom = (len(squares) - 1) * 2.0 / (kurtosis - 1.0)
     low, high = (freedom * mean / float(stats.chi2.ppf(at, freedom)) for at in ((1 + LEVEL) / 2, (1 - LEVEL) / 2))
     return math.sqrt(mean), math.sqrt(low), math.sqrt(high)
 
 
-def _take_scans(
-    samples: _Samples,
-    bag: Bag,
-    clock: Clock,
-    frames: Frames,
-    ground: OccupancyMap | None,
-    mount: tuple[float, float, float] | None,
-) -> Iterator[str]:
-    shape, ranges = bag.scan, bag.ranges_m
-    if shape is None or len(ranges) < 2:
-        yield "no scans"
-        return
-    rows = np.unique(np.linspace(0, len(ranges) - 1, MOST_SCANS).astype(int))
-    due: NDArray[np.float64] | None = None
-    if ground is not None:
-        due = _due(bag, clock, frames, ground, mount, rows)
-        if due is None:
-            yield f"no transform from the base to {shape.frame}, nor --lidar X,Y,YAW: scans are compared with themselves"
-    for number, row in enumerate(rows):
-        measured = ranges[row].astype(np.float64)
-        returned = np.isfinite(measured) & (measured > shape.range_min_m) & (measured < shape.range_max_m)
-        expected = None if due is None else due[number]
-        noise = _noise(np.where(returned, measured, np.nan), shape.angle_increment_rad, expected)
-        if len(noise) >= 20:
-            samples.noise_m.append(_scale(noise))
-        is_due = _is_due(measured, returned, expected)
-        if is_due.sum() >= 20:
-            samples.dropout.append(float((~returned)[is_due].mean()))
-
-
-def _due(
-    bag: Bag,
-    clock: Clock,
-    frames: Frames,
-    ground: OccupancyMap,
-    mount: tuple[float, float, float] | None,
-    rows: NDArray[np.int64],
-) -> Numbers | None:
-    """Return the map's ranges (N, B) for scans; None if the lidar's place is not known."""
+def _take_scans(samples: Samples, bag: Bag) -> None:
     shape = bag.scan
-    assert shape is not None
-    found = origin_of(bag, clock, frames, None)
-    t_s = clock.times(bag.roles["scan"])[rows]
-    truth = truth_of(bag, clock, frames, t_s)
-    poses = found.at(t_s) if truth is None else truth
-    if mount is None:
-        chain = frames.up(shape.frame)
-        if found.base not in chain:
-            return None
-        mount = tuple(frames.poses(shape.frame, t_s[:1], chain.index(found.base))[0].tolist())
-    upright, frame = ground.upright, ground.frame
-    skips = skip_table_of(upright.occupied)
-    bearings = mount[2] + shape.angle_min_rad + shape.angle_increment_rad * np.arange(bag.ranges_m.shape[1])
-    directions = np.column_stack((np.cos(bearings), np.sin(bearings)))
-    if shape.angle_increment_rad < 0:
-        directions = directions[::-1].copy()
-    due = np.empty((len(rows), len(bearings)))
-    sensors = joined(poses, np.array([*mount[:2], 0.0]))
-    sensors[:, :2] = frame.points_to_grid(sensors[:, :2])
-    sensors[:, 2] -= frame.yaw_rad
-    nothing = np.empty((0, 7))
-    for k, sensor in enumerate(sensors):
-        place = upright.resolution_m, *upright.origin_xy_m
-        scan(skips, *place, nothing, sensor, directions, shape.range_min_m, shape.range_max_m, due[k])
-    return due[:, ::-1] if shape.angle_increment_rad < 0 else due
+    if shape is None:
+        return
+    for row in np.unique(np.linspace(0, len(bag.ranges_m) - 1, MOST_SCANS).astype(int)):
+        measured = bag.ranges_m[row].astype(np.float64)
+        measured[~((measured > max(0.0, shape.range_min_m)) & (measured < shape.range_max_m))] = np.nan
+        noise = _noise(measured, shape.angle_increment_rad)
+        if len(noise) >= 20:
+            sectors = np.array_split(noise, min(SECTORS, max(1, len(noise) // 30)))
+            samples["noise"].append((float(np.median([_scale(each) for each in sectors])),))
+        before, after = measured[:-2], measured[2:]
+        lost = np.isnan(measured[1:-1])[np.abs(before - after) < 0.1 * np.minimum(before, after)]
+        if len(lost) >= 20:
+            samples["dropout"].append((float(lost.mean()), len(lost)))
 
 
-def _noise(measured: Numbers, step_rad: float, expected: Numbers | None) -> Numbers:
+def _noise(measured: Numbers, step_rad: float) -> Numbers:
     """Differences of ranges from the straight wall through both neighbors, scaled to the deviation of one range.
 
-    On a straight line 1/r is a sinusoid of the bearing, so that r = 2 cos(step) / (1/before + 1/after) exactly, whatever the pose. Where the
-    map is known, only triples count that it has on a straight wall, and whose ranges are near its own.
+    On a straight line 1/r is a sinusoid of the bearing, so that r = 2 cos(step) / (1/before + 1/after) exactly, whatever the pose.
     """
     before, here, after = measured[:-2], measured[1:-1], measured[2:]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        wall = 2.0 * math.cos(step_rad) / (1.0 / before + 1.0 / after)
-        weights = [wall * wall / (2.0 * math.cos(step_rad) * each * each) for each in (before, after)]
-        found = (here - wall) / np.sqrt(1.0 + weights[0] ** 2 + weights[1] ** 2)
-        good = np.isfinite(found) & (np.abs(before - after) < 0.1 * here + 0.1)
-        if expected is not None:
-            a, b, c = expected[:-2], expected[1:-1], expected[2:]
-            straight = 2.0 * math.cos(step_rad) / (1.0 / a + 1.0 / c)
-            good &= np.abs(b - straight) < SURFACE * b
-            good &= np.abs(here - b) < GATE_M
-    return np.asarray(found[good])
+    wall = 2.0 * math.cos(step_rad) / (1.0 / before + 1.0 / after)
+    weights = [wall * wall / (2.0 * math.cos(step_rad) * each * each) for each in (before, after)]
+    found = (here - wall) / np.sqrt(1.0 + weights[0] ** 2 + weights[1] ** 2)
+    return np.asarray(found[np.isfinite(found) & (np.abs(before - after) < 0.1 * here + 0.1)])
 
 
 def _scale(values: Numbers) -> float:
     """Standard deviation of normal values among few others: of those within three deviations by the median."""
     scale = 1.4826 * float(np.median(np.abs(values)))
     within = values[np.abs(values) <= 3.0 * scale]
-    return float(np.sqrt(np.mean(within * within))) / 0.98658 if scale > 0.0 else 0.0
+    return float(np.sqrt(np.mean(within * within))) / 0.98658
 
 
-def _is_due(measured: Numbers, returned: NDArray[np.bool_], expected: Numbers | None) -> NDArray[np.bool_]:
-    """Whether a beam (B,) meets something: by the map, else where both neighbors meet one surface."""
-    if expected is not None:
-        sides = np.stack([np.roll(expected, 1), expected, np.roll(expected, -1)])
-        return np.asarray(np.isfinite(sides).all(axis=0))
-    near, far = np.roll(measured, 1), np.roll(measured, -1)
-    with np.errstate(invalid="ignore"):
-        alike = np.abs(near - far) < 0.1 * np.minimum(near, far)
-    return np.asarray(np.roll(returned, 1) & np.roll(returned, -1) & alike)
-
-
-def _take_odometry(samples: _Samples, bag: Bag, clock: Clock, frames: Frames) -> Iterator[str]:
-    odometry = bag.roles["odometry"]
-    if len(odometry) < 10:
-        yield "no odometry"
-        return
-    at_s, first = np.unique(clock.times(odometry), return_index=True)
-    counted = odometry.values[first, :3]
-    true = truth_of(bag, clock, frames, at_s)
+def _take_odometry(samples: Samples, bag: Bag, clock: Clock) -> Sequence[str]:
+    at_s, first = np.unique(clock.times(bag.roles["odometry"]), return_index=True)
+    true = truth_of(bag, clock, Frames(bag, clock), at_s) if len(at_s) > 1 else None
     if true is None:
-        yield "no true pose: the estimate follows odometry between its updates, so that odometry's noise can't be told from it"
-        return
-    rows = [0]
-    steps_m = np.hypot(*np.diff(true[:, :2], axis=0).T)
-    turns_rad = np.diff(np.unwrap(true[:, 2]))
-    gone_m, turned_rad = np.append(0.0, np.cumsum(steps_m)), np.append(0.0, np.cumsum(np.abs(turns_rad)))
-    for k in range(1, len(at_s)):
-        if gone_m[k] - gone_m[rows[-1]] >= PIECE_M or turned_rad[k] - turned_rad[rows[-1]] >= PIECE_RAD:
-            rows.append(k)
-    for a, b in itertools.pairwise(rows):
-        ahead_m, turn_rad = float(gone_m[b] - gone_m[a]), float(turned_rad[b] - turned_rad[a])
-        moves = [_moved(poses[a], poses[b]) for poses in (true, counted)]
-        off_m, off_rad = moves[1][0] - moves[0][0], moves[1][1] - moves[0][1]
-        if turn_rad < 0.1 * ahead_m:
-            samples.along.append((ahead_m, off_m, off_rad))
-        elif ahead_m < 0.02 * turn_rad:
-            samples.turned.append((turn_rad, off_m, off_rad))
+        return [
+            "no true pose: the estimate follows odometry between its updates, so that odometry's noise can't be told from it"
+        ]
+    steps = [np.hypot(*np.diff(true[:, :2], axis=0).T), np.abs(np.diff(np.unwrap(true[:, 2])))]
+    gone_m, turned_rad = (np.append(0.0, np.cumsum(each)) for each in steps)
+    rows = np.unique(np.floor((gone_m + turned_rad) / PIECE), return_index=True)[1]
+    gone = np.diff([gone_m[rows], turned_rad[rows]])
+    off = _moves(bag.roles["odometry"].values[first][rows, :3]) - _moves(true[rows])
+    for kind, is_kind, length in (
+        ("along", gone[1] < 0.1 * gone[0], gone[0]),
+        ("turned", gone[0] < 0.02 * gone[1], gone[1]),
+    ):
+        samples[kind] += zip(length[is_kind].tolist(), *off[:, is_kind].tolist(), strict=True)
+    return []
 
 
-def _moved(a: Numbers, b: Numbers) -> tuple[float, float]:
-    """Distance ahead and turn from one pose to another."""
-    middle = a[2] + (turn := (b[2] - a[2] + math.pi) % (2.0 * math.pi) - math.pi) / 2.0
-    return float((b[0] - a[0]) * math.cos(middle) + (b[1] - a[1]) * math.sin(middle)), float(turn)
+def _moves(poses: Numbers) -> Numbers:
+    """Distances ahead and turns (2, N - 1) from one pose to the next."""
+    x, y, turn = joined(inverse(poses[:-1]), poses[1:]).T
+    turn = (turn + np.pi) % (2.0 * np.pi) - np.pi
+    return np.array([x * np.cos(turn / 2.0) + y * np.sin(turn / 2.0), turn])
 
 
-def _take_response(samples: _Samples, bag: Bag, clock: Clock) -> Iterator[str]:
+def _take_response(samples: Samples, bag: Bag, clock: Clock) -> None:
     """Fit dead time and lag to the response to each step of a command, by the log's time."""
     command, odometry = bag.roles["command"], bag.roles["odometry"]
-    if len(command) < 10 or len(odometry) < 10:
-        yield "no commands beside odometry: no dead time, no lag"
-        return
-    at_s, first = np.unique(clock.arrivals(odometry), return_index=True)
-    t_s = np.arange(at_s[0], at_s[-1], STEP_S)
-    since_s = clock.arrivals(command)
-    taken = 0
-    for column in (0, 1):
-        spoken = command.values[:, column]
-        speed = np.interp(t_s, at_s, odometry.values[first, 3 + column])
-        changes = since_s[1:][np.abs(np.diff(spoken)) > 0.1]
-        for begin_s in _apart(changes, 1.0):
-            window = (t_s >= begin_s - 0.2) & (t_s <= begin_s + 1.2)
-            if window.sum() < 100:
-                continue
-            found = _fit(t_s, window, since_s, spoken, speed)
-            if found is not None:
-                samples.response.append((*found, float(np.median(np.diff(at_s)))))
-                taken += 1
-    if taken < 4:
-        yield f"{taken} steps of commands: expected at least 4 for dead time and lag"
-
-
-def _apart(moments_s: Numbers, least_s: float) -> Iterator[float]:
-    last = -math.inf
-    for moment in moments_s.tolist():
-        if moment - last >= least_s:
-            last = moment
-            yield moment
+    at_s, first = np.unique(clock.arrivals(odometry.log_s), return_index=True)
+    since_s = clock.arrivals(command.log_s)
+    for column in (0, 1) if len(command) > 1 and len(at_s) > 1 else ():
+        spoken, speed = command.values[:, column], odometry.values[first, 3 + column]
+        last_s = float(at_s[0]) - 0.8
+        for begin_s in since_s[1:][np.abs(np.diff(spoken)) > 0.1].tolist():
+            if last_s + 1.0 <= begin_s <= at_s[-1] - 1.2:
+                last_s = begin_s
+                if (found := _fit(begin_s, since_s, spoken, at_s, speed)) is not None:
+                    samples["response"].append((*found, float(np.median(np.diff(at_s)))))
 
 
 def _fit(
-    t_s: Numbers, window: NDArray[np.bool_], since_s: Numbers, spoken: Numbers, speed: Numbers
+    begin_s: float, since_s: Numbers, spoken: Numbers, at_s: Numbers, speed: Numbers
 ) -> tuple[float, float] | None:
-    begin = max(0, int(np.flatnonzero(window)[0]) - 200)
-    part = slice(begin, int(np.flatnonzero(window)[-1]) + 1)
-    times, target, counted = t_s[part], speed[part], window[part]
+    """Return dead time and lag (s) that explain the 1.2 s after a step; None where they don't."""
+    times = begin_s + STEP_S * np.arange(-220, 120)
+    target, counted = np.interp(times, at_s, speed), slice(200, None)
 
-    def off(parameters: Numbers) -> Numbers:
-        dead_s, lag_s = parameters
+    def off(parameters: Numbers) -> float:
+        dead_s, lag_s = np.abs(parameters)
         row = np.searchsorted(since_s, times - dead_s, side="right") - 1
         # The share of a step of the grid that a command holds already, so that the error is continuous in the dead time.
         share = np.clip((times - dead_s - since_s[np.maximum(row, 0)]) / STEP_S, 0.0, 1.0)
         held, before = spoken[np.maximum(row, 0)], spoken[np.maximum(row - 1, 0)]
-        driven = before + share * (held - before)
         gain = 1.0 - math.exp(-STEP_S / max(lag_s, 1e-4))
+        driven = before + share * (held - before)
         said, _ = signal.lfilter([gain], [1.0, gain - 1.0], driven, zi=[(1.0 - gain) * target[0]])
-        return np.asarray((said - target)[counted])
+        return float(((said - target)[counted] ** 2).sum())
 
-    grid = [(d, lag) for d in np.arange(0.0, LONGEST_DEAD_S, 0.03) for lag in (0.01, 0.05, 0.1, 0.2, 0.4)]
-    start = min(grid, key=lambda each: float((off(np.array(each)) ** 2).sum()))
-    best = optimize.minimize(lambda x: float((off(np.abs(x)) ** 2).sum()), start, method="Nelder-Mead")
-    dead_s, lag_s = np.abs(best.x).tolist()
-    explained = 1.0 - best.fun / max(float(((target - target.mean())[counted] ** 2).sum()), 1e-12)
+    grid = slice(0.0, LONGEST_DEAD_S, 0.03), slice(0.01, 0.42, 0.1)
+    best, least, *_ = optimize.brute(off, grid, full_output=True)
+    dead_s, lag_s = np.abs(best).tolist()
+    explained = 1.0 - least / max(float(((target - target.mean())[counted] ** 2).sum()), 1e-12)
     return (dead_s, lag_s) if explained > 0.9 and dead_s < LONGEST_DEAD_S else None
 
 
-def _lidar(samples: _Samples) -> Iterator[Fitted]:
-    scans = "scans, by the straight walls in them"
-    for name, key, values, unit in (
-        ("lidar noise", "lidar.noise.laserscan_gaussian_noise_std_deviation", samples.noise_m, "m"),
-        ("lidar dropout", "lidar.noise.laserscan_random_drop_percentage", samples.dropout, "share"),
-    ):
-        if len(values) >= 2:
-            mean, low, high = mean_interval(values)
-            more = MODEL_SHARE * mean if unit == "m" else 0.0
-            yield Fitted(name, key, mean, max(0.0, low - more), high + more, unit, len(values), scans)
+def _lidar(samples: Samples) -> Iterator[Fitted]:
+    group, scans = "lidar.noise.laserscan", "scans, by the straight walls in them"
+    if samples["noise"]:
+        mean, low, high = mean_interval(np.array(samples["noise"])[:, 0])
+        low, high = max(0.0, low - MODEL_SHARE * mean), high + MODEL_SHARE * mean
+        n = len(samples["noise"])
+        yield Fitted("lidar noise", f"{group}_gaussian_noise_std_deviation", mean, low, high, "m", n, scans)
+    if samples["dropout"]:
+        shares, beams = np.array(samples["dropout"]).T
+        mean, low, high = mean_interval(shares)
+        high -= math.log((1 - LEVEL) / 2) / beams.sum()  # where no beam was lost
+        n = len(shares)
+        yield Fitted("lidar dropout", f"{group}_random_drop_percentage", mean, max(0.0, low), high, "share", n, scans)
 
 
-def _odometry(samples: _Samples) -> Iterator[Fitted]:
-    for pieces, kind, per in ((samples.along, "straight pieces", "meter"), (samples.turned, "turns", "radian")):
-        if len(pieces) < 8:
+def _odometry(samples: Samples) -> Iterator[Fitted]:
+    for kind, words, per in (("along", "straight pieces", "meter"), ("turned", "turns", "radian")):
+        if not samples[kind]:
             continue
-        gone, off_m, off_rad = np.array(pieces).T
-        for name, unit, off in (("translation", "m", off_m), ("rotation", "rad", off_rad)):
+        gone, *offs = np.array(samples[kind]).T
+        for name, unit, off in zip(("translation", "rotation"), ("m", "rad"), offs, strict=True):
             # The scale is a constant and no noise: the deviation is that of what it leaves.
-            share = float((off * gone).sum() / (gone * gone).sum())
-            squares = (off - share * gone) ** 2 / gone * len(off) / (len(off) - 1)
-            found = deviation_interval(squares.tolist())
-            key = f"odometry.{name}_std_per_{per}"
-            yield Fitted(f"odometry {name} per {per}", key, *found, unit, len(off), kind)
-            if (name, per) in (("translation", "meter"), ("rotation", "radian")):
-                scale = mean_interval((off / gone).tolist())
-                yield Fitted(f"odometry scale of {kind}", "", *scale, "share", len(off), "no key: a constant share")
+            left = off - float((off * gone).sum() / (gone * gone).sum()) * gone
+            found = deviation_interval(left**2 / gone * len(off) / (len(off) - 1))
+            yield Fitted(f"odometry {name} per {per}", f"odometry.{name}_std_per_{per}", *found, unit, len(off), words)
+        scale = mean_interval(offs[kind == "turned"] / gone)
+        yield Fitted(f"odometry scale of {words}", "", *scale, "share", len(gone), "no key: a constant share")
 
 
-def _response(samples: _Samples) -> Iterator[Fitted]:
-    if len(samples.response) < 4:
+def _response(samples: Samples) -> Iterator[Fitted]:
+    if not samples["response"]:
         return
-    dead_s, lag_s, periods_s = np.array(samples.response).T
+    dead_s, lag_s, periods_s = np.array(samples["response"]).T
     sampled_s = float(periods_s.mean()) / 2.0  # nothing is known between two messages
+    held_up = "latency.controller_time delays commands, but holds the controller up too"
     for name, values, why in (
-        (
-            "dead time of commands",
-            dead_s,
-            "no key; latency.controller_time delays commands, but holds the controller up too",
-        ),
-        ("actuator lag", lag_s, "no key; the simulator's wheels follow within max_acceleration"),
+        ("dead time of commands", dead_s, held_up),
+        ("actuator lag", lag_s, "the simulator's wheels follow within max_acceleration"),
     ):
-        mean, low, high = mean_interval(values.tolist())
-        yield Fitted(name, "", mean, max(0.0, low - sampled_s), high + sampled_s, "s", len(values), why)
+        mean, low, high = mean_interval(values)
+        low, high = max(0.0, low - sampled_s), high + sampled_s
+        yield Fitted(name, "", mean, low, high, "s", len(values), f"no key; {why}")
 
 
 def section_of(calibration: Calibration) -> str:
     """Return the section `robot:` of a family in a campaign file; what it has no key for is a comment."""
-    comments = [f"# {note}" for note in calibration.notes]
-    tree: dict[str, list[str]] = {}
+    lines, comments, last = ["robot:"], [f"# {note}" for note in calibration.notes], [""]
     for each in calibration.fitted:
         told = f"{each.unit}, 99 % [{each.low:.4g}, {each.high:.4g}], {each.n} {each.origin if each.key else 'pieces'}"
-        if each.key:
-            group, _, key = each.key.rpartition(".")
-            tree.setdefault(group, []).append(f"{key}: {each.value:.4g}  # {told}")
-        else:
+        *group, key = each.key.split(".")
+        if not key:
             comments.append(f"# {each.name}: {each.value:.4g} {told}: {each.origin}")
-    lines = ["robot:"] if tree else []
-    for group, rows in tree.items():
-        depth = group.split(".")
-        lines += [f"{'  ' * (k + 1)}{name}:" for k, name in enumerate(depth)]
-        lines += [f"{'  ' * (len(depth) + 1)}{row}" for row in rows]
-    return "\n".join([*lines, *comments])
+            continue
+        if group != last:
+            lines += [f"{'  ' * depth}{name}:" for depth, name in enumerate(group, 1)]
+        lines.append(f"{'  ' * len(group)}  {key}: {each.value:.4g}  # {told}")
+        last = group
+    return "\n".join([*(lines if len(lines) > 1 else []), *comments])

@@ -1,7 +1,7 @@
 """Drives: the poses of a bag's robot on one clock, and its mission."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -41,16 +41,15 @@ class Clock:
     time_s: NDArray[np.float64] = field(repr=False)
     by_stamps: bool
 
-    def arrivals(self, messages: Messages) -> NDArray[np.float64]:
-        """Return when messages (N,) arrived."""
-        log_s = messages.log_s
+    def arrivals(self, log_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return when messages (N,) of these times of the log arrived."""
         before, after = np.minimum(log_s - self.log_s[0], 0.0), np.maximum(log_s - self.log_s[-1], 0.0)
         return np.asarray(np.interp(log_s, self.log_s, self.time_s) + before + after)
 
     def times(self, messages: Messages) -> NDArray[np.float64]:
         """Return the times (N,) that messages are about."""
         stamped = self.by_stamps and bool(np.isfinite(messages.stamp_s).all())
-        return messages.stamp_s if stamped else self.arrivals(messages)
+        return messages.stamp_s if stamped else self.arrivals(messages.log_s)
 
 
 def clock_of(bag: Bag) -> tuple[Clock, tuple[str, ...]]:
@@ -81,28 +80,20 @@ def clock_of(bag: Bag) -> tuple[Clock, tuple[str, ...]]:
 
 def joined(outer: Poses, inner: Poses) -> Poses:
     """Return poses of a frame's frame: `inner` (N, 3) or (3,), seen from where `outer` is seen."""
-    x, y, yaw = np.moveaxis(outer, -1, 0)
+    (x, y, yaw), (ix, iy, iyaw) = outer.T, inner.T
     c, s = np.cos(yaw), np.sin(yaw)
-    ix, iy, iyaw = np.moveaxis(inner, -1, 0)
     return np.stack(np.broadcast_arrays(x + c * ix - s * iy, y + s * ix + c * iy, yaw + iyaw), axis=-1)
 
 
 def inverse(pose: Poses) -> Poses:
-    x, y, yaw = np.moveaxis(pose, -1, 0)
+    x, y, yaw = pose.T
     c, s = np.cos(yaw), np.sin(yaw)
     return np.stack([-c * x - s * y, s * x - c * y, -yaw], axis=-1)
 
 
-@dataclass(frozen=True)
-class Clocked:
-    """Poses that hold from their arrival on."""
-
-    since_s: NDArray[np.float64]
-    poses: Poses
-
-    def at(self, t_s: NDArray[np.float64]) -> Poses:
-        last = np.searchsorted(self.since_s, t_s + 1e-6, side="right") - 1
-        return np.asarray(self.poses[np.maximum(last, 0)])
+def held(since_s: NDArray[np.float64], values: NDArray[np.float64], t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the last of values (N, K) at each time, and the first before it."""
+    return np.asarray(values[np.maximum(np.searchsorted(since_s, t_s + 1e-6, side="right") - 1, 0)])
 
 
 class Frames:
@@ -115,9 +106,9 @@ class Frames:
             self._parents[child] = parent, np.array(pose)
         for (parent, child), messages in sorted(bag.edges.items(), key=lambda edge: len(edge[1])):
             self._parents[child] = parent, messages
-        odometry, (parent, child) = bag.roles["odometry"], bag.frames.get("odometry", ("", ""))
+        odometry, (parent, child) = bag.roles["odometry"], bag.frames
         if len(odometry) and parent and child and child not in self._parents:
-            self._parents[child] = parent, Messages(odometry.log_s, odometry.stamp_s, odometry.values[:, :3])
+            self._parents[child] = parent, odometry
 
     @property
     def names(self) -> Sequence[str]:
@@ -133,24 +124,20 @@ class Frames:
     def has_moved(self, frame: str) -> bool:
         return any(isinstance(self._parents[each][1], Messages) for each in self.up(frame)[:-1])
 
-    def poses(self, frame: str, t_s: NDArray[np.float64], above: int | None = None) -> Poses:
-        """Return the poses (N, 3) of a frame in its root, or in the frame `above` steps above it."""
+    def poses(self, frame: str, t_s: NDArray[np.float64]) -> Poses:
+        """Return the poses (N, 3) of a frame in its root."""
         found = np.zeros((len(t_s), 3))
-        for child in self.up(frame)[:-1][:above]:
+        for child in self.up(frame)[:-1]:
             parent, how = self._parents[child]
-            found = joined(self._at(parent, how, t_s), found)
+            if not isinstance(how, Messages):
+                pose = how
+            elif basename(parent) == "map" and not _TRUE.fullmatch(basename(child)):
+                # What the stack took for the transform: the last that it was told, which AMCL dates ahead.
+                pose = held(self._clock.arrivals(how.log_s), how.values[:, :3], t_s)
+            else:
+                pose = between(self._clock.times(how), how.values[:, :3], t_s)
+            found = joined(pose, found)
         return found
-
-    def _at(self, parent: str, how: Messages | Poses, t_s: NDArray[np.float64]) -> Poses:
-        if not isinstance(how, Messages):
-            return how
-        if basename(parent) == "map" and not _TRUE.fullmatch(basename(self._child(how))):
-            # What the stack took for the transform: the last that it was told, which AMCL dates ahead.
-            return Clocked(self._clock.arrivals(how), how.values[:, :3]).at(t_s)
-        return between(self._clock.times(how), how.values[:, :3], t_s)
-
-    def _child(self, how: Messages) -> str:
-        return next(child for child, (_, other) in self._parents.items() if other is how)
 
 
 def between(at_s: NDArray[np.float64], poses: Poses, t_s: NDArray[np.float64]) -> Poses:
@@ -206,17 +193,14 @@ def drive_of(bag: Bag, clock: Clock, start: Pose | None = None, goal: Pose | Non
     frames, notes = Frames(bag, clock), []
     begin_s, end_s = float(clock.time_s[0]), float(clock.time_s[-1])
     began_s, ended_s, outcome = _sent(bag, clock, begin_s, end_s)
-    found = origin_of(bag, clock, frames, start)
-    estimated = found.at
+    origin, estimated = _estimate_of(bag, clock, frames, start)
     if goal is not None:
         goal_from = "--goal"
     elif (named := _goal(bag, clock, began_s, ended_s)) is not None:
         goal, goal_from = named
     else:
-        goal, goal_from = (
-            _pose(estimated(np.array([ended_s]))[0]),
-            "where the robot ended, as nothing in the bag names one",
-        )
+        goal = _pose(estimated(np.array([ended_s]))[0])
+        goal_from = "where the robot ended, as nothing in the bag names one"
     t_s = began_s + row_s * np.arange(int((ended_s - began_s) / row_s + 1e-6) + 1, dtype=np.float64)
     away_m = np.hypot(*(estimated(t_s)[:, :2] - (goal.x_m, goal.y_m)).T)
     if outcome is None:
@@ -236,7 +220,7 @@ def drive_of(bag: Bag, clock: Clock, start: Pose | None = None, goal: Pose | Non
     if len(within) > 1 and (gap_s := float(np.diff(within).max())) > GAP_S:
         notes.append(f"no pose for {gap_s:.1f} s; poses between are interpolated")
     truth = truth_of(bag, clock, frames, t_s)
-    return Drive(t_s, estimated(t_s), truth, found.words, goal, goal_from, outcome, reason, (*bag.notes, *notes))
+    return Drive(t_s, estimated(t_s), truth, origin, goal, goal_from, outcome, reason, (*bag.notes, *notes))
 
 
 def _sent(bag: Bag, clock: Clock, begin_s: float, end_s: float) -> tuple[float, float, Outcome | None]:
@@ -244,7 +228,7 @@ def _sent(bag: Bag, clock: Clock, begin_s: float, end_s: float) -> tuple[float, 
     status = bag.roles["status"]
     if bag.exported:
         return begin_s, float(clock.times(bag.roles["truth"])[-1]) if len(bag.roles["truth"]) else end_s, None
-    at_s, codes = clock.arrivals(status), status.values[:, 0] if len(status) else np.empty(0)
+    at_s, codes = clock.arrivals(status.log_s), status.values[:, 0] if len(status) else np.empty(0)
     if len(sent := np.flatnonzero(np.isin(codes, (1, _EXECUTING)))):
         ends = np.flatnonzero((codes >= _SUCCEEDED) & (np.arange(len(codes)) > sent[0]))
         outcomes: dict[int, Outcome] = {_SUCCEEDED: "succeeded", _CANCELED: "timed_out", _ABORTED: "aborted"}
@@ -253,7 +237,7 @@ def _sent(bag: Bag, clock: Clock, begin_s: float, end_s: float) -> tuple[float, 
         return float(at_s[sent[0]]), end_s, None
     for role in ("goal", "plan"):
         if len(bag.roles[role]):
-            return max(begin_s, float(clock.arrivals(bag.roles[role])[0])), end_s, None
+            return max(begin_s, float(clock.arrivals(bag.roles[role].log_s)[0])), end_s, None
     odometry = bag.roles["odometry"]
     moving = np.flatnonzero(np.abs(odometry.values[:, 3]) > MOVING_MPS) if len(odometry) else np.empty(0, int)
     return float(clock.times(odometry)[moving[0]]) if moving.size else begin_s, end_s, None
@@ -262,7 +246,7 @@ def _sent(bag: Bag, clock: Clock, begin_s: float, end_s: float) -> tuple[float, 
 def _goal(bag: Bag, clock: Clock, began_s: float, ended_s: float) -> tuple[Pose, str] | None:
     for role in ("goal", "plan"):
         messages = bag.roles[role]
-        at_s = clock.arrivals(messages)
+        at_s = clock.arrivals(messages.log_s)
         # The one that the mission is about: told shortly before it began, or the first after.
         known = np.flatnonzero((at_s >= began_s - 2.0) & (at_s <= ended_s))
         if known.size:
@@ -270,31 +254,16 @@ def _goal(bag: Bag, clock: Clock, began_s: float, ended_s: float) -> tuple[Pose,
     return None
 
 
-@dataclass(frozen=True)
-class Origin:
-    """The origin of the robot's estimate of its pose on the map.
+def _estimate_of(
+    bag: Bag, clock: Clock, frames: Frames, start: Pose | None
+) -> tuple[str, Callable[[NDArray[np.float64]], Poses]]:
+    """Return the frames and topics of the robot's estimate of its pose on the map, and its poses (N, 3) at times.
 
-    Attributes:
-        base: The robot's frame.
-        words: Frames and topics that it follows from.
-        on_map: Pose of the frames' root on the map; None where that is the map itself.
+    Raises:
+        BagError: nothing tells the robot's place on the map.
     """
-
-    frames: Frames = field(repr=False)
-    base: str
-    words: str
-    on_map: Clocked | None = field(default=None, repr=False)
-
-    def at(self, t_s: NDArray[np.float64]) -> Poses:
-        """Return the poses (N, 3) at times."""
-        found = self.frames.poses(self.base, t_s)
-        return found if self.on_map is None else joined(self.on_map.at(t_s), found)
-
-
-def origin_of(bag: Bag, clock: Clock, frames: Frames, start: Pose | None) -> Origin:
-    """Return the origin of a bag's poses; raises `BagError` if it has none."""
     bases = [name for base in _BASES for name in frames.names if basename(name) == base and frames.has_moved(name)]
-    bases += [child for _, child in bag.frames.values() if child in frames.names]
+    bases += [name for name in frames.names if name == bag.frames[1]]
     if not bases:
         known = ", ".join(frames.names) or "none"
         raise BagError(f"{bag.name}: expected a frame base_link or base_footprint that moves, got {known}")
@@ -302,18 +271,24 @@ def origin_of(bag: Bag, clock: Clock, frames: Frames, start: Pose | None) -> Ori
     chain = frames.up(base)[::-1]
     words = " → ".join(chain)
     if basename(chain[0]) == "map":
-        return Origin(frames, base, words)
-    for role in ("estimate", "initial"):
-        if len(told := bag.roles[role]):
-            on_map = joined(told.values[:, :3], inverse(frames.poses(base, clock.times(told))))
-            held = Clocked(clock.arrivals(told), on_map)
-            return Origin(frames, base, f"{bag.topics[role]} and {words}", held)
-    if start is None:
+        return words, lambda t_s: frames.poses(base, t_s)
+    role = next((role for role in ("estimate", "initial") if len(bag.roles[role])), None)
+    if role is not None:
+        told = bag.roles[role]
+        since_s, at_s, on_map, words = (
+            clock.arrivals(told.log_s),
+            clock.times(told),
+            told.values[:, :3],
+            f"{bag.topics[role]} and {words}",
+        )
+    elif start is not None:
+        since_s = at_s = clock.time_s[:1]
+        on_map, words = np.array([[start.x_m, start.y_m, start.yaw_rad]]), f"{words} from --start"
+    else:
         what = f"a map frame, /amcl_pose, /initialpose, or --start X,Y,YAW, got frames from {chain[0]} on alone"
         raise BagError(f"{bag.name}: expected {what}")
-    first = frames.poses(base, clock.time_s[:1])
-    on_map = joined(np.array([[start.x_m, start.y_m, start.yaw_rad]]), inverse(first))
-    return Origin(frames, base, f"{words} from --start", Clocked(clock.time_s[:1], on_map))
+    roots = joined(on_map, inverse(frames.poses(base, at_s)))
+    return words, lambda t_s: joined(held(since_s, roots, t_s), frames.poses(base, t_s))
 
 
 def truth_of(bag: Bag, clock: Clock, frames: Frames, t_s: NDArray[np.float64]) -> Poses | None:

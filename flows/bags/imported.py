@@ -2,8 +2,9 @@
 
 import json
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,14 +19,19 @@ from vastflow.oracles.results.schema import read_columns
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.files import copy_file
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.model.recording import Recording, si
+from vastflow.sim.model.recording import si
 from vastflow.sim.system.system import system_kind, system_of
 from vastflow.sim.world.readers.registry import files_of_world
 from vastflow.sim.world.world import map_content, read_grid
 
 ORACLES: Final = ("performance", {"safety": {"fail_on_contact": "any"}}, "robustness", "navigation")
 LEAST_TIMEOUT_S: Final = 120.0
+LEAST_RUNS: Final = 19
+"""Simulated runs whose range one more is beyond with at most 10 %, 2 / (n + 1)."""
 _CONSTANT: Final = ("threshold", "reference_length")
+
+Signals = Mapping[str, float | None]
+"""Name of a signal, with its unit, to its value."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,7 @@ def write_import(
     ground = read_grid(map_content(map_file))
     values = {} if params is None else system_kind().read_file(params, {}).values
     radius_m = system_of(values).inscribed_radius_m
+    inputs = {} if params is None else {"nav2_params": params.name}
     for file in files_of_world(map_file):
         copy_file(file, folder / "map" / file.name)
     if params is not None:
@@ -83,29 +90,20 @@ def write_import(
         file = folder / "recordings" / f"{stem}{_plain(path.stem)}.parquet"
         file.parent.mkdir(exist_ok=True)
         file.write_bytes(write_recordings([recording]))
-        places = {
-            "map_file": f"map/{map_file.name}",
-            "start_pose": _written(_first(drive)),
-            "goal_pose": _written(drive.goal),
-        }
-        own = [{key: value} for key, value in places.items()]
-        recorded = [*own, {"recording": file.relative_to(folder).as_posix()}]
+        poses = {"start_pose": _written(*drive.poses[0].tolist()), "goal_pose": _written(*astuple(drive.goal))}
+        own = [{"map_file": f"map/{map_file.name}"}, *({key: value} for key, value in poses.items())]
         one = ImportedBag(f"{stem}real", f"{stem}simulated", drive, (*clock_notes, *drive.notes))
-        families.append({"name": one.real, "parameters": recorded, "start_check": "none"})
-        if runs:
-            families.append({"name": one.simulated, "parameters": own, "start_check": "none"})
         imported.append(one)
+        recorded = [*own, {"recording": file.relative_to(folder).as_posix()}]
+        for name, parameters in ((one.real, recorded), (one.simulated, own))[: 2 if runs else 1]:
+            families.append({"name": name, "parameters": parameters, "start_check": "none"})
     longest_s = max(float(each.drive.t_s[-1] - each.drive.t_s[0]) for each in imported)
     names = ", ".join(path.name for path in bags)
     campaign = {
         "version": 1,
         "metadata": {"name": f"import_{_plain(bags[0].stem)}", "title": f"Imported from {names}"},
         "configuration": families,
-        "execution": {
-            "runs": max(1, runs),
-            "timeout": max(LEAST_TIMEOUT_S, round(3.0 * longest_s)),
-            **({} if params is None else {"nav2_params": params.name}),
-        },
+        "execution": {"runs": max(1, runs), "timeout": max(LEAST_TIMEOUT_S, round(3.0 * longest_s)), **inputs},
         "evaluation": {"oracles": list(ORACLES)},
     }
     file = folder / "import.vast"
@@ -117,12 +115,8 @@ def _plain(text: str) -> str:
     return re.sub(r"\W+", "_", text)[:40].strip("_") or "bag"
 
 
-def _first(drive: Drive) -> Pose:
-    return Pose(*drive.poses[0].tolist())
-
-
-def _written(pose: Pose) -> dict[str, float]:
-    return {"x": round(pose.x_m, 3), "y": round(pose.y_m, 3), "yaw": round(pose.yaw_rad, 4)}
+def _written(x_m: float, y_m: float, yaw_rad: float) -> dict[str, float]:
+    return {"x": round(x_m, 3), "y": round(y_m, 3), "yaw": round(yaw_rad, 4)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +127,8 @@ class Place:
         signal: Its name, with the unit.
         real: None where the real run has no such value.
         least, median, most, n: Of the simulated runs; None without any.
-        p: Two-sided p-value of the rank, exact if the real run were one more simulated run.
+        p: Two-sided p-value of the rank.
+        outside: Whether the value is beyond the range of the simulated ones; None where fewer than `LEAST_RUNS` of them have one.
     """
 
     signal: str
@@ -143,69 +138,79 @@ class Place:
     most: float | None
     n: int
     p: float | None
-
-    @property
-    def inside(self) -> bool | None:
-        if self.real is None or self.least is None or self.most is None:
-            return None
-        return self.least <= self.real <= self.most
-
-
-def coverage_of(n: int) -> float:
-    """Probability (n - 1) / (n + 1) that the range of n values holds one more."""
-    return max(0.0, (n - 1) / (n + 1))
+    outside: bool | None
 
 
 def place_of(signal: str, real: float | None, simulated: Sequence[float]) -> Place:
     """Rank a value among simulated ones.
 
-    If all n + 1 are exchangeable, the rank of the real one is uniform: p = min(1, 2 min(1 + #{s <= r}, 1 + #{s >= r}) / (n + 1)).
+    If all n + 1 are exchangeable, p = min(1, 2 min(1 + #{s <= r}, 1 + #{s >= r}) / (n + 1)) is up to a level with at most this
+    probability; with exactly 2 k / (n + 1) up to it if none are equal.
     """
     if not simulated:
-        return Place(signal, real, None, None, None, 0, None)
+        return Place(signal, real, None, None, None, 0, None, None)
     values = np.sort(np.asarray(simulated, dtype=np.float64))
-    n, p = len(values), None
+    n, p, outside = len(values), None, None
     if real is not None:
-        tail = 1 + min(int((values <= real).sum()), int((values >= real).sum()))
-        p = min(1.0, 2.0 * tail / (n + 1))
-    return Place(signal, real, float(values[0]), float(np.median(values)), float(values[-1]), n, p)
+        p = min(1.0, 2.0 * (1 + min(int((values <= real).sum()), int((values >= real).sum()))) / (n + 1))
+        outside = None if n < LEAST_RUNS else not values[0] <= real <= values[-1]
+    return Place(signal, real, float(values[0]), float(np.median(values)), float(values[-1]), n, p, outside)
 
 
-def places_of(directory: Path, real: str, simulated: str) -> list[Place]:
-    """Return the place of the real run for each signal of a campaign directory."""
-    theirs, own = ([*_signals(directory, name)] for name in (simulated, real))
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Places of a real run's signals among those of simulated runs, and of all signals together.
+
+    Attributes:
+        beyond: Number of signals that are beyond the range of the other runs, for the real run and then for each simulated one, among
+            the signals that all have.
+        p: Share of these runs that have as many as the real one; None without simulated runs. Up to a level with at most this
+            probability if all runs are exchangeable, however much the signals depend on one another.
+    """
+
+    places: tuple[Place, ...]
+    beyond: tuple[int, ...]
+    p: float | None
+
+
+def spread_of(runs: Sequence[Signals]) -> Spread:
+    """Set the first of several runs beside the others."""
+    names = dict.fromkeys(name for signals in runs for name in signals)
+    values = {name: [signals.get(name) for signals in runs] for name in names}
+    places = (
+        place_of(name, own, [each for each in others if each is not None]) for name, (own, *others) in values.items()
+    )
+    told = tuple(place for place in places if place.real is not None or place.n)
+    table = np.array([row for row in values.values() if None not in row], dtype=np.float64)
+    if len(runs) < 3 or not len(table):
+        return Spread(told, (), None)
+    ordered = np.sort(table, axis=1)
+    beyond = ((table < ordered[:, 1:2]) | (table > ordered[:, -2:-1])).sum(axis=0)
+    return Spread(told, tuple(beyond.tolist()), float((beyond >= beyond[0]).mean()))
+
+
+def spread_in(directory: Path, real: str, simulated: str) -> Spread:
+    """Return the spread of the signals in a campaign directory."""
+    own, theirs = ([*_signals(directory, name)] for name in (real, simulated))
     if not own:
         raise BagError(f"{directory}: expected a verdict on {real}, got none")
-    names = dict.fromkeys([*own[0], *(name for signals in theirs for name in signals)])
-    found = []
-    for name in names:
-        values = [value for signals in theirs if (value := signals.get(name)) is not None]
-        found.append(place_of(name, own[0].get(name), values))
-    return [place for place in found if place.real is not None or place.n]
+    return spread_of([*own, *theirs])
 
 
-def _signals(directory: Path, configuration: str) -> Iterator[Mapping[str, float | None]]:
-    """Yield name, with its unit, to value of each run's signals."""
-    table = read_columns(directory / "verdicts.parquet")
-    rows = [row for row in table.to_pylist() if row["configuration"] == configuration]
-    recordings = recordings_of(directory, configuration)
-    for run_index in sorted({row["run_index"] for row in rows}):
-        found: dict[str, float | None] = {}
-        for row in (row for row in rows if row["run_index"] == run_index):
+def _signals(directory: Path, configuration: str) -> Iterator[Signals]:
+    """Yield the signals of each run."""
+    found: dict[int, dict[str, float | None]] = defaultdict(dict)
+    for row in read_columns(directory / "verdicts.parquet").to_pylist():
+        if row["configuration"] == configuration:
             for name, metric in json.loads(row["metrics"]).items():
                 if name not in _CONSTANT:
                     unit = "" if metric["unit"] == "1" else f" ({metric['unit']})"
-                    found[f"{row['oracle']}: {name}{unit}"] = metric["value"]
-        if run_index in recordings:
-            found |= _speeds(recordings[run_index])
-        yield found
-
-
-def _speeds(recording: Recording) -> dict[str, float]:
-    speed_mps = np.abs(si(recording.columns["speed_mmps"]))
-    if not len(speed_mps):
-        return {}
-    return {"speed: mean (m/s)": float(speed_mps.mean()), "speed: top (m/s)": float(speed_mps.max())}
+                    found[row["run_index"]][f"{row['oracle']}: {name}{unit}"] = metric["value"]
+    recordings = recordings_of(directory, configuration)
+    for run_index, signals in sorted(found.items()):
+        if run_index in recordings and len(speed_mps := np.abs(si(recordings[run_index].columns["speed_mmps"]))):
+            signals |= {"speed: mean (m/s)": float(speed_mps.mean()), "speed: top (m/s)": float(speed_mps.max())}
+        yield signals
 
 
 def scenario_robot(directory: Path, configuration: str) -> Sequence[str]:

@@ -4,7 +4,7 @@ import math
 import pickle
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +17,6 @@ from vastflow.sim.model.faults import UserError
 
 MOST_MESSAGES: Final = 3_000_000
 MOST_BEAMS: Final = 4096
-MOST_SCANS: Final = 40_000
 MOST_METERS: Final = 1e5
 """Coordinates beyond are no place on a map."""
 
@@ -108,7 +107,7 @@ class _Gathered:
         self._rows: dict[str, list[tuple[float, ...]]] = {role: [] for role in ROLES}
         self._edges: dict[tuple[str, str], list[tuple[float, ...]]] = {}
         self._fixed: dict[tuple[str, str], tuple[float, float, float]] = {}
-        self._frames: dict[str, tuple[str, str]] = {}
+        self._frames = ("", "")
         self._behaviors: list[tuple[float, str]] = []
         self._scan: ScanShape | None = None
         self._ranges: list[NDArray[np.float32]] = []
@@ -126,38 +125,38 @@ class _Gathered:
                 else:
                     self._edges.setdefault(edge, []).append((log_s, _seconds(each.header.stamp), *pose))
             return
-        readers: Mapping[str, Callable[[Any], list[tuple[float, ...]]]] = {
-            "scan": self._of_scan,
-            "odometry": self._of_odometry,
-            "truth": self._of_odometry,
-            "command": lambda m: [_twist(getattr(m, "twist", m))],
-            "control": lambda m: [_twist(getattr(m, "twist", m))],
-            "estimate": lambda m: [_pose(m.pose.pose)],
-            "initial": lambda m: [_pose(m.pose.pose)],
-            "goal": lambda m: [_pose(m.pose)],
-            "contact": lambda m: [_pose(each.pose) for each in m.markers if each.action == 0],
-            "plan": lambda m: [_pose(m.poses[-1].pose)] if len(m.poses) else [],
-            "status": lambda m: [(float(m.status_list[-1].status),)] if len(m.status_list) else [],
-            "tree": lambda m: self._of_tree(m, log_s),
-        }
-        for row in readers[role](message):
+        for row in self._rows_of(role, message, log_s):
             if _is_place(row):
                 self._rows[role].append((log_s, stamp_s, *row))
             else:
                 self.dropped[f"messages of {role} that are not finite or beyond 100 km"] += 1
 
-    def _of_odometry(self, message: Any) -> list[tuple[float, ...]]:
-        self._frames["odometry"] = message.header.frame_id.strip("/"), message.child_frame_id.strip("/")
-        return [(*_pose(message.pose.pose), *_twist(message.twist.twist))]
-
-    def _of_tree(self, message: Any, log_s: float) -> list[tuple[float, ...]]:
-        began = (each for each in message.event_log if each.current_status == "RUNNING")
-        self._behaviors += [(log_s, str(each.node_name)) for each in began]
+    def _rows_of(self, role: str, message: Any, log_s: float) -> Sequence[tuple[float, ...]]:
+        match role:
+            case "scan":
+                return [()] if not self._with_ranges or self._is_kept(message) else []
+            case "odometry" | "truth":
+                if role == "odometry":
+                    self._frames = message.header.frame_id.strip("/"), message.child_frame_id.strip("/")
+                return [(*_pose(message.pose.pose), *_twist(message.twist.twist))]
+            case "command" | "control":
+                return [_twist(getattr(message, "twist", message))]
+            case "estimate" | "initial":
+                return [_pose(message.pose.pose)]
+            case "goal":
+                return [_pose(message.pose)]
+            case "contact":
+                return [_pose(each.pose) for each in message.markers if each.action == 0]
+            case "plan":
+                return [_pose(each.pose) for each in message.poses[-1:]]
+            case "status":
+                return [(float(each.status),) for each in message.status_list[-1:]]
+        self._behaviors += [
+            (log_s, str(each.node_name)) for each in message.event_log if each.current_status == "RUNNING"
+        ]
         return []
 
-    def _of_scan(self, message: Any) -> list[tuple[float, ...]]:
-        if not self._with_ranges:
-            return [()]
+    def _is_kept(self, message: Any) -> bool:
         limits = message.angle_min, message.angle_increment, message.range_min, message.range_max
         shape = ScanShape(message.header.frame_id.strip("/"), *map(float, limits))
         beams = len(message.ranges)
@@ -167,12 +166,9 @@ class _Gathered:
             self._scan = shape
         if shape.frame != self._scan.frame or (self._ranges and beams != len(self._ranges[0])):
             self.dropped["scans of another shape"] += 1
-            return []
-        if len(self._ranges) >= MOST_SCANS:
-            self.dropped[f"scans beyond {MOST_SCANS:,}"] += 1
-            return []
+            return False
         self._ranges.append(np.array(message.ranges, dtype=np.float32))
-        return [()]
+        return True
 
     def bag(self, name: str, topics: Mapping[str, str], namespace: str) -> Bag:
         own = f"{namespace.strip('/')}/"

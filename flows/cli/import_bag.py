@@ -15,7 +15,7 @@ from vastflow.flows.terminal.options import AsJson
 from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
-    from vastflow.flows.bags.imported import ImportedBag, Place
+    from vastflow.flows.bags.imported import ImportedBag, Spread
     from vastflow.sim.model.pose import Pose
 
 
@@ -47,7 +47,7 @@ def import_bag(
             raise UserError(f"{option}: expected a file, got {file}")
     check_writable(results, "--results")
     with TemporaryDirectory(prefix="vastflow-import-") as folder:
-        from vastflow.flows.bags.imported import places_of, scenario_robot, write_import
+        from vastflow.flows.bags.imported import scenario_robot, spread_in, write_import
 
         try:
             file, imported = write_import(
@@ -62,14 +62,17 @@ def import_bag(
             found = run_campaign(request, observer=display)
     for note in found.notes:
         print(note, file=sys.stderr)
-    places = {each.real: places_of(found.directory, each.real, each.simulated) for each in imported}
+    spreads = {each.real: spread_in(found.directory, each.real, each.simulated) for each in imported}
     if as_json:
-        rows = {name: [asdict(place) for place in each] for name, each in places.items()}
-        print(json.dumps({"results": str(found.directory), "places": rows}))
+        print(
+            json.dumps(
+                {"results": str(found.directory), "spreads": {name: asdict(each) for name, each in spreads.items()}}
+            )
+        )
     else:
         for each in imported:
             robot = scenario_robot(found.directory, each.real)
-            print("\n".join([*_told(each), *robot, *table_of(places[each.real])]))
+            print("\n".join([*_told(each), *robot, *table_of(spreads[each.real])]))
         print(f"report: {found.directory / 'report.html'}")
     if found.faults:
         raise typer.Exit(FAULT)
@@ -89,42 +92,36 @@ def pose_of(text: str | None, option: str) -> "Pose | None":
 
 
 def _told(imported: "ImportedBag") -> list[str]:
-    drive = imported.drive
-    known = (
-        "the true pose"
-        if drive.truth is not None
-        else f"the robot's estimate ({drive.origin}); no clearance, no contacts"
-    )
-    x_m, y_m, _ = drive.poses[0].tolist()
+    drive, (x_m, y_m, _) = imported.drive, imported.drive.poses[0].tolist()
+    estimate = f"the robot's estimate ({drive.origin}); no clearance, no contacts"
     goal, took_s = drive.goal, drive.t_s[-1] - drive.t_s[0]
     route = f"({x_m:.2f}, {y_m:.2f}) to ({goal.x_m:.2f}, {goal.y_m:.2f}), {drive.goal_from}"
     return [
         f"{imported.real}: {drive.outcome.replace('_', ' ')} after {took_s:.1f} s, {route}",
-        f"pose: {known}",
+        f"pose: {estimate if drive.truth is None else 'the true pose'}",
         *(f"note: {note}" for note in imported.notes),
     ]
 
 
-def table_of(places: "list[Place]") -> list[str]:
-    """Return a table of signals, and the power of its p-values."""
-    from vastflow.flows.bags.imported import coverage_of
+def table_of(spread: "Spread") -> list[str]:
+    """Return a table of signals, and what it says in all."""
+    from vastflow.flows.bags.imported import LEAST_RUNS
 
-    n = max((place.n for place in places), default=0)
+    n = max((place.n for place in spread.places), default=0)
     if not n:
         return ["no simulated runs"]
     lines = [f"{'signal':42} {'real':>9} {'simulated: least, median, most':>32}  n  p"]
-    for each in places:
-        if each.least is None:
-            lines.append(f"{each.signal:42} {each.real:9.3f} {'no simulated value':>32}")
-            continue
-        spread = f"{each.least:.3f}, {each.median:.3f}, {each.most:.3f}"
-        real = "not known" if each.real is None else f"{each.real:.3f}"
-        said = "" if each.inside is None else f" {each.p:.2f} {'inside' if each.inside else 'OUTSIDE'}"
-        lines.append(f"{each.signal:42} {real:>9} {spread:>32} {each.n:2}{said}")
-    outside = sum(each.inside is False for each in places)
-    compared = sum(each.inside is not None for each in places)
-    lines.append(
-        f"{compared - outside} of {compared} signals lie inside the simulated range, which holds one more simulated run with "
-        f"{coverage_of(n):.0%}; with {n} runs no p-value is below {min(1.0, 2 / (n + 1)):.2g}"
-    )
+    for each in spread.places:
+        range_ = "no value" if each.least is None else f"{each.least:.3f}, {each.median:.3f}, {each.most:.3f}"
+        real = "no value" if each.real is None else f"{each.real:.3f}"
+        said = "" if each.p is None else f" {each.p:.2f}"
+        called = "" if each.outside is None else " OUTSIDE" if each.outside else " inside"
+        lines.append(f"{each.signal:42} {real:>9} {range_:>32} {each.n:2}{said}{called}")
+    few = f": too few to call a signal outside, which takes --runs {LEAST_RUNS}" if n < LEAST_RUNS else ""
+    lines.append(f"with {n} runs no p-value is below {min(1.0, 2 / (n + 1)):.2g}{few}")
+    if spread.p is not None:
+        own, *others = spread.beyond
+        as_many = sum(each >= own for each in others)
+        lines.append(f"the real run has {own} signals beyond the range of all others, {as_many} of {len(others)} simulated runs "
+                     f"have as many beyond theirs: p = {spread.p:.2g} for all signals together")  # fmt: skip
     return lines

@@ -9,7 +9,7 @@ from command_line import called, refused
 from real_bags import Recorder, drawn_map, driven
 
 from vastflow.flows.bags.drive import Drive
-from vastflow.flows.bags.imported import coverage_of, place_of, write_import
+from vastflow.flows.bags.imported import place_of, spread_of, write_import
 from vastflow.flows.bags.recorded import wall_contacts
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.configurations import distinct_configurations
@@ -135,11 +135,11 @@ def test_place_of_a_value_is_its_rank_among_simulated_ones():
     simulated = [float(k) for k in range(1, 20)]
     assert place_of("s", 10.0, simulated).p == 1.0
     outside = place_of("s", 25.0, simulated)
-    assert (outside.inside, outside.p) == (False, 0.1)  # 2 / (19 + 1)
+    assert (outside.outside, outside.p) == (True, 0.1)  # 2 / (19 + 1)
     assert place_of("s", 19.0, simulated).p == pytest.approx(2 * 2 / 20)
-    assert place_of("s", None, simulated).p is None and place_of("s", None, simulated).inside is None
+    assert place_of("s", None, simulated).p is None and place_of("s", None, simulated).outside is None
     assert place_of("s", 1.0, []).p is None
-    assert coverage_of(20) == pytest.approx(19 / 21) and coverage_of(1) == 0.0
+    assert place_of("s", 25.0, simulated[:-1]).outside is None  # 2 / (18 + 1) is more than 10 %
 
 
 def test_place_of_a_run_like_the_simulated_has_uniform_p_values():
@@ -148,6 +148,33 @@ def test_place_of_a_run_like_the_simulated_has_uniform_p_values():
     values = [place_of("s", real, simulated).p for real, *simulated in drawn]
     for level in (0.1, 0.2, 0.5):
         assert np.mean(np.array(values) <= level) <= level + 0.02
+
+
+def signals_of(values):
+    return {f"s{k}": value for k, value in enumerate(values)}
+
+
+def test_spread_calls_one_more_simulated_run_unusual_at_most_as_often_as_it_says():
+    rng = np.random.default_rng(2)
+    found = []
+    for _ in range(1500):
+        common = rng.normal(size=(21, 1)) + 0.3 * rng.normal(size=(21, 12))  # signals that depend on one another
+        counts = rng.poisson(0.3, size=(21, 3)).astype(float)  # with many ties
+        found.append(spread_of([signals_of([*row, 1.0]) for row in np.hstack([common, counts]).tolist()]).p)
+    for level in (0.05, 0.1, 0.2, 0.5):
+        assert np.mean(np.array(found) <= level) <= level + 0.02
+
+
+def test_spread_tells_a_run_that_differs_in_many_signals_from_one_that_differs_in_one():
+    rng = np.random.default_rng(3)
+    simulated = rng.normal(size=(20, 12)).tolist()
+    other = spread_of([signals_of(row) for row in ([5.0] * 12, *simulated)])
+    assert (other.beyond[0], other.p) == (12, pytest.approx(1 / 21))
+    once = spread_of([signals_of(row) for row in ([5.0, *[0.0] * 11], *simulated)])
+    assert once.beyond[0] == 1 and once.places[0].outside and once.p > 0.3
+    assert spread_of([signals_of([1.0]), signals_of([2.0])]).p is None
+    failed = spread_of([signals_of([1.0, None]), *map(signals_of, simulated)])
+    assert failed.places[1].p is None and len(failed.beyond) == 21
 
 
 def test_wall_contact_begins_a_cell_within_the_radius_of_the_true_pose():
@@ -195,10 +222,11 @@ def test_import_command_sets_a_real_run_beside_simulated_ones(tmp_path, drive, o
         assert rerun.exit_code == 0 and "0 runs executed, 8 from the store" in rerun.stdout, rerun.output
     assert "pose: the robot's estimate (map → odom → base_link); no clearance, no contacts" in told.stdout
     assert "bag2-real: succeeded" in told.stdout and "pose: the true pose" in told.stdout
-    assert "holds one more simulated run with 50%; with 3 runs no p-value is below 0.5" in told.stdout
-    places = {each["signal"]: each for each in again["places"]["bag2-real"]}
+    few = "with 3 runs no p-value is below 0.5: too few to call a signal outside, which takes --runs 19"
+    assert few in told.stdout and "OUTSIDE" not in told.stdout
+    places = {each["signal"]: each for each in again["spreads"]["bag2-real"]["places"]}
     assert places["navigation: minimum_clearance (m)"]["real"] == pytest.approx(1.2, abs=0.01)
-    estimated = {each["signal"]: each["real"] for each in again["places"]["bag1-real"]}
+    estimated = {each["signal"]: each["real"] for each in again["spreads"]["bag1-real"]["places"]}
     assert estimated["navigation: minimum_clearance (m)"] is None
     assert "bag1-simulated" in called("show", first).stdout
     run = stored_run(first, "bag1-real", 0)

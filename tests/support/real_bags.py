@@ -204,7 +204,7 @@ class Recorder:
             x, y, yaw = drive.true[k]
             c, s = np.cos(yaw), np.sin(yaw)
             sx, sy = x + c * MOUNT[0] - s * MOUNT[1], y + s * MOUNT[0] + c * MOUNT[1]
-            ranges = ranges_from(sx, sy, bearings + yaw + MOUNT[2])
+            ranges = self.ranges_from(sx, sy, bearings + yaw + MOUNT[2])
             ranges = ranges + self.scan_noise_m * rng.standard_normal(self.beams)
             ranges[rng.random(self.beams) < self.dropout] = np.inf
             yield (
@@ -224,6 +224,9 @@ class Recorder:
                     intensities=np.empty(0, dtype=np.float32),
                 ),
             )
+
+    def ranges_from(self, x, y, bearings):
+        return ranges_from(x, y, bearings)
 
     def header(self, frame, t_s):
         for at_s, by_s in self.jump_s:
