@@ -17,6 +17,8 @@ from vastflow.sim.model.faults import UserError
 
 MOST_MESSAGES: Final = 3_000_000
 MOST_BEAMS: Final = 4096
+MOST_ELEMENTS: Final = 4096
+"""Elements of an array of fixed size in a definition."""
 MOST_METERS: Final = 1e5
 """Coordinates beyond are no place on a map."""
 
@@ -43,18 +45,20 @@ _TRUE: Final = re.compile("ground_?truth|_gt$")
 def read(path: Path, namespace: str, scans: bool) -> Bag:
     from rosbags.highlevel import AnyReader
 
-    files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
+    files = [file for file in path.rglob("*") if not file.is_dir()] if path.is_dir() else [path]
+    if strange := [file.name for file in files if not file.is_file()]:
+        raise ValueError(f"expected regular files, got {strange[0]}")
     if (size := sum(file.stat().st_size for file in files)) > MOST_BYTES:
         raise ValueError(f"expected at most {MOST_BYTES >> 30} GiB, got {size / 2**30:.1f} GiB")
-    into = _Gathered(scans)
+    into = _Gathered()
     with AnyReader([path], default_typestore=typestore()) as reader:
         storage: Any = getattr(reader.readers[0], "storage", None)  # a ROS 1 bag has none
         about = getattr(getattr(storage, "metadata", None), "custom", None)
         into.exported = isinstance(about, dict) and "vastflow" in about
         connections = {connection.topic: connection.msgtype for connection in reader.connections}
         topics = topics_of(connections, namespace)
-        role_of = {topic: role for role, topic in topics.items()}
-        wanted = [each for each in reader.connections if each.topic in role_of]
+        role_of = {topic: role for role, topic in topics.items() if scans or role != "scan"}
+        wanted = [each for each in reader.connections if each.topic in role_of and into.has_type(reader, each)]
         for number, (connection, log_ns, raw) in enumerate(reader.messages(wanted) if wanted else ()):
             if number >= MOST_MESSAGES:
                 raise ValueError(f"expected at most {MOST_MESSAGES:,} messages of the robot's topics, got more")
@@ -100,10 +104,9 @@ def topics_of(connections: Mapping[str, str], namespace: str = "") -> dict[str, 
 class _Gathered:
     """Rows of messages by their roles."""
 
-    def __init__(self, scans: bool) -> None:
+    def __init__(self) -> None:
         self.dropped: Counter[str] = Counter()
         self.exported = False
-        self._with_ranges = scans
         self._rows: dict[str, list[tuple[float, ...]]] = {role: [] for role in ROLES}
         self._edges: dict[tuple[str, str], list[tuple[float, ...]]] = {}
         self._fixed: dict[tuple[str, str], tuple[float, float, float]] = {}
@@ -112,11 +115,25 @@ class _Gathered:
         self._scan: ScanShape | None = None
         self._ranges: list[NDArray[np.float32]] = []
 
+    def has_type(self, reader: Any, connection: Any) -> bool:
+        """Whether the definition of a topic's type can be compiled, which writes a line per element of an array of messages."""
+        fields = (field for _, (_, each) in reader.typestore.fielddefs.items() for _, field in each)
+        from rosbags.interfaces import Nodetype
+
+        try:
+            if any(kind == Nodetype.ARRAY and what[1] > MOST_ELEMENTS for kind, what in fields):
+                raise ValueError
+            reader.typestore.get_msgdef(connection.msgtype)
+        except Exception:  # noqa: BLE001 - a stranger's definition; those of other topics may be whole
+            self.dropped[f"topics with a definition that can't be used, {connection.topic}"] += 1
+            return False
+        return True
+
     def take(self, role: str, message: Any, log_s: float) -> None:
         stamp_s = math.nan if not hasattr(message, "header") else _seconds(message.header.stamp)
         if role in ("tf", "tf_static"):
             for each in message.transforms:
-                edge = each.header.frame_id.strip("/"), each.child_frame_id.strip("/")
+                edge = _frame(each.header.frame_id), _frame(each.child_frame_id)
                 pose = _planar(each.transform.translation, each.transform.rotation)
                 if not _is_place(pose):
                     self.dropped["transforms that are not finite or beyond 100 km"] += 1
@@ -134,10 +151,10 @@ class _Gathered:
     def _rows_of(self, role: str, message: Any, log_s: float) -> Sequence[tuple[float, ...]]:
         match role:
             case "scan":
-                return [()] if not self._with_ranges or self._is_kept(message) else []
+                return [()] if self._is_kept(message) else []
             case "odometry" | "truth":
                 if role == "odometry":
-                    self._frames = message.header.frame_id.strip("/"), message.child_frame_id.strip("/")
+                    self._frames = _frame(message.header.frame_id), _frame(message.child_frame_id)
                 return [(*_pose(message.pose.pose), *_twist(message.twist.twist))]
             case "command" | "control":
                 return [_twist(getattr(message, "twist", message))]
@@ -158,7 +175,7 @@ class _Gathered:
 
     def _is_kept(self, message: Any) -> bool:
         limits = message.angle_min, message.angle_increment, message.range_min, message.range_max
-        shape = ScanShape(message.header.frame_id.strip("/"), *map(float, limits))
+        shape = ScanShape(_frame(message.header.frame_id), *map(float, limits))
         beams = len(message.ranges)
         if not 2 <= beams <= MOST_BEAMS or not all(map(math.isfinite, limits[:3])) or not limits[1]:
             raise ValueError(f"a scan of {beams} beams")
@@ -201,6 +218,15 @@ def _seconds(stamp: Any) -> float:
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9
 
 
+def _frame(name: str) -> str:
+    return _printable(name).strip("/")
+
+
+def _printable(text: str) -> str:
+    """Return a text without what moves a terminal's cursor."""
+    return "".join(each if each.isprintable() else "?" for each in text)
+
+
 def _planar(position: Any, turn: Any) -> tuple[float, float, float]:
     yaw_rad = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z))
     return float(position.x), float(position.y), yaw_rad
@@ -225,4 +251,6 @@ def answer(request: Mapping[str, Any]) -> bytes:
     except MemoryError:
         raise
     except Exception as error:  # noqa: BLE001 - whatever a stranger's bytes make a reader raise
-        raise UserError(f"can't be read: {' '.join(str(error).split())[:300] or type(error).__name__}") from None
+        raise UserError(
+            f"can't be read: {_printable(' '.join(str(error).split())[:300]) or type(error).__name__}"
+        ) from None
