@@ -4,7 +4,7 @@ import json
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -80,12 +80,8 @@ def write_import(
         bag = read_bag(path, namespace)
         clock, clock_notes = clock_of(bag)
         drive = drive_of(bag, clock, start, goal)
-        recording = recording_of(bag, clock, drive)
-        if drive.truth is not None and "contact" not in bag.topics:
-            hits = wall_contacts(drive, ground, radius_m)
-            events = sorted((*hits, *recording.run.events), key=lambda event: event.t_s)
-            run = replace(recording.run, events=tuple(events))
-            recording = replace(recording, run=run)
+        hits = [] if drive.truth is None or "contact" in bag.topics else wall_contacts(drive, ground, radius_m)
+        recording = recording_of(bag, clock, drive, hits)
         stem = f"bag{number}-" if len(bags) > 1 else ""
         file = folder / "recordings" / f"{stem}{_plain(path.stem)}.parquet"
         file.parent.mkdir(exist_ok=True)

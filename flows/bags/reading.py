@@ -4,18 +4,17 @@ import math
 import pickle
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.flows.bags.bag import MOST_BYTES, Bag, Messages, ScanShape
+from vastflow.flows.bags.bag import Bag, Messages, ScanShape
 from vastflow.flows.export.mcap.topics import typestore
 from vastflow.sim.model.faults import UserError
 
-MOST_MESSAGES: Final = 3_000_000
 MOST_BEAMS: Final = 4096
 MOST_ELEMENTS: Final = 4096
 """Elements of an array of fixed size in a definition."""
@@ -48,8 +47,6 @@ def read(path: Path, namespace: str, scans: bool) -> Bag:
     files = [file for file in path.rglob("*") if not file.is_dir()] if path.is_dir() else [path]
     if strange := [file.name for file in files if not file.is_file()]:
         raise ValueError(f"expected regular files, got {strange[0]}")
-    if (size := sum(file.stat().st_size for file in files)) > MOST_BYTES:
-        raise ValueError(f"expected at most {MOST_BYTES >> 30} GiB, got {size / 2**30:.1f} GiB")
     into = _Gathered()
     with AnyReader([path], default_typestore=typestore()) as reader:
         storage: Any = getattr(reader.readers[0], "storage", None)  # a ROS 1 bag has none
@@ -59,9 +56,7 @@ def read(path: Path, namespace: str, scans: bool) -> Bag:
         topics = topics_of(connections, namespace)
         role_of = {topic: role for role, topic in topics.items() if scans or role != "scan"}
         wanted = [each for each in reader.connections if each.topic in role_of and into.has_type(reader, each)]
-        for number, (connection, log_ns, raw) in enumerate(reader.messages(wanted) if wanted else ()):
-            if number >= MOST_MESSAGES:
-                raise ValueError(f"expected at most {MOST_MESSAGES:,} messages of the robot's topics, got more")
+        for connection, log_ns, raw in reader.messages(wanted) if wanted else ():
             try:
                 message = reader.deserialize(raw, connection.msgtype)
                 into.take(role_of[connection.topic], message, log_ns * 1e-9)
@@ -117,12 +112,11 @@ class _Gathered:
 
     def has_type(self, reader: Any, connection: Any) -> bool:
         """Whether the definition of a topic's type can be compiled, which writes a line per element of an array of messages."""
-        fields = (field for _, (_, each) in reader.typestore.fielddefs.items() for _, field in each)
         from rosbags.interfaces import Nodetype
 
+        fields = (field for _, (_, each) in reader.typestore.fielddefs.items() for _, field in each)
         try:
-            if any(kind == Nodetype.ARRAY and what[1] > MOST_ELEMENTS for kind, what in fields):
-                raise ValueError
+            assert all(kind != Nodetype.ARRAY or what[1] <= MOST_ELEMENTS for kind, what in fields)
             reader.typestore.get_msgdef(connection.msgtype)
         except Exception:  # noqa: BLE001 - a stranger's definition; those of other topics may be whole
             self.dropped[f"topics with a definition that can't be used, {connection.topic}"] += 1
@@ -142,38 +136,22 @@ class _Gathered:
                 else:
                     self._edges.setdefault(edge, []).append((log_s, _seconds(each.header.stamp), *pose))
             return
-        for row in self._rows_of(role, message, log_s):
+        if role == "tree":
+            began = (each for each in message.event_log if each.current_status == "RUNNING")
+            self._behaviors += [(log_s, str(each.node_name)) for each in began]
+            return
+        if role == "scan":
+            self._take_scan(message)
+            return
+        if role == "odometry":
+            self._frames = _frame(message.header.frame_id), _frame(message.child_frame_id)
+        for row in VALUES[role](message):
             if _is_place(row):
                 self._rows[role].append((log_s, stamp_s, *row))
             else:
                 self.dropped[f"messages of {role} that are not finite or beyond 100 km"] += 1
 
-    def _rows_of(self, role: str, message: Any, log_s: float) -> Sequence[tuple[float, ...]]:
-        match role:
-            case "scan":
-                return [()] if self._is_kept(message) else []
-            case "odometry" | "truth":
-                if role == "odometry":
-                    self._frames = _frame(message.header.frame_id), _frame(message.child_frame_id)
-                return [(*_pose(message.pose.pose), *_twist(message.twist.twist))]
-            case "command" | "control":
-                return [_twist(getattr(message, "twist", message))]
-            case "estimate" | "initial":
-                return [_pose(message.pose.pose)]
-            case "goal":
-                return [_pose(message.pose)]
-            case "contact":
-                return [_pose(each.pose) for each in message.markers if each.action == 0]
-            case "plan":
-                return [_pose(each.pose) for each in message.poses[-1:]]
-            case "status":
-                return [(float(each.status),) for each in message.status_list[-1:]]
-        self._behaviors += [
-            (log_s, str(each.node_name)) for each in message.event_log if each.current_status == "RUNNING"
-        ]
-        return []
-
-    def _is_kept(self, message: Any) -> bool:
+    def _take_scan(self, message: Any) -> None:
         limits = message.angle_min, message.angle_increment, message.range_min, message.range_max
         shape = ScanShape(_frame(message.header.frame_id), *map(float, limits))
         beams = len(message.ranges)
@@ -183,9 +161,8 @@ class _Gathered:
             self._scan = shape
         if shape.frame != self._scan.frame or (self._ranges and beams != len(self._ranges[0])):
             self.dropped["scans of another shape"] += 1
-            return False
-        self._ranges.append(np.array(message.ranges, dtype=np.float32))
-        return True
+        else:
+            self._ranges.append(np.array(message.ranges, dtype=np.float32))
 
     def bag(self, name: str, topics: Mapping[str, str], namespace: str) -> Bag:
         own = f"{namespace.strip('/')}/"
@@ -242,6 +219,18 @@ def _twist(twist: Any) -> tuple[float, float]:
 
 def _is_place(values: Sequence[float]) -> bool:
     return all(abs(value) <= MOST_METERS for value in values)
+
+
+VALUES: Final[Mapping[str, Callable[[Any], Sequence[tuple[float, ...]]]]] = {
+    **dict.fromkeys(("odometry", "truth"), lambda m: [(*_pose(m.pose.pose), *_twist(m.twist.twist))]),
+    **dict.fromkeys(("command", "control"), lambda m: [_twist(getattr(m, "twist", m))]),
+    **dict.fromkeys(("estimate", "initial"), lambda m: [_pose(m.pose.pose)]),
+    "goal": lambda m: [_pose(m.pose)],
+    "contact": lambda m: [_pose(each.pose) for each in m.markers if each.action == 0],
+    "plan": lambda m: [_pose(each.pose) for each in m.poses[-1:]],
+    "status": lambda m: [(float(each.status),) for each in m.status_list[-1:]],
+}
+"""Role to the rows of a message."""
 
 
 def answer(request: Mapping[str, Any]) -> bytes:

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from vastflow.flows.bags.bag import Bag
 from vastflow.flows.bags.drive import Clock, Drive, Poses, between, held
@@ -25,8 +25,12 @@ RECOVERIES: Final[Mapping[str, str]] = {
 Column = NDArray[np.int32]
 
 
-def recording_of(bag: Bag, clock: Clock, drive: Drive) -> Recording:
-    """Return the recording of a drive, whose true pose is the estimate where the bag has no other."""
+def recording_of(bag: Bag, clock: Clock, drive: Drive, hits: Sequence[Event] = ()) -> Recording:
+    """Return the recording of a drive, whose true pose is the estimate where the bag has no other.
+
+    Args:
+        hits: Contacts with walls; those of a bag that tells them, such as an export, take their place.
+    """
     t_s, poses = drive.t_s, drive.poses
     elapsed_s, last_s = t_s - t_s[0], round(float(t_s[-1] - t_s[0]), 3)
     columns = {"t_ms": thousandths(elapsed_s)}
@@ -43,8 +47,10 @@ def recording_of(bag: Bag, clock: Clock, drive: Drive) -> Recording:
         columns[f"{prefix}speed_mmps"] = thousandths(forward_mps)
         columns[f"{prefix}yaw_rate_mradps"] = thousandths(turn_radps)
     columns["localized"] = _updates(bag, clock, t_s)
-    recoveries = _recoveries(bag, clock, drive)
-    events = sorted([*recoveries, *_contacts(bag, clock, drive)], key=lambda event: event.t_s)
+    recoveries, told = _recoveries(bag, clock, drive), bag.roles["contact"]
+    if drive.truth is not None and len(told):
+        hits = _events(drive, "contact", clock.arrivals(told.log_s), told.values, ["something"] * len(told))
+    events = sorted([*recoveries, *hits], key=lambda event: event.t_s)
     goal = "goal_reached" if drive.outcome == "succeeded" else "goal_missed"
     events.append(Event(last_s, goal, float(poses[-1, 0]), float(poses[-1, 1]), "0"))
     run = Run(
@@ -97,14 +103,6 @@ def _recoveries(bag: Bag, clock: Clock, drive: Drive) -> list[Event]:
     return _events(drive, "recovery", times, places, whats)
 
 
-def _contacts(bag: Bag, clock: Clock, drive: Drive) -> list[Event]:
-    """Contacts of a bag that has them, such as an export. It does not tell with what."""
-    told = bag.roles["contact"]
-    if drive.truth is None:
-        return []
-    return _events(drive, "contact", clock.arrivals(told.log_s), told.values, ["something"] * len(told))
-
-
 def _events(drive: Drive, kind: str, t_s: NDArray[np.float64], places: Poses, whats: Sequence[str]) -> list[Event]:
     """Return the events of the drive that are something, of times and places (N, 2 or more)."""
     begin_s, end_s = drive.t_s[[0, -1]].tolist()
@@ -117,11 +115,8 @@ def _events(drive: Drive, kind: str, t_s: NDArray[np.float64], places: Poses, wh
 
 def wall_contacts(drive: Drive, ground: OccupancyMap, radius_m: float) -> list[Event]:
     """Contacts of a disc with the map's walls by the true pose, one at the begin of each."""
-    far_m = ndimage.distance_transform_edt(~ground.occupied) * ground.resolution_m
-    rows, columns = np.floor(ground.in_cells(drive.poses[:, :2])).astype(int).T
-    inside = (rows >= 0) & (columns >= 0) & (rows < ground.shape[0]) & (columns < ground.shape[1])
-    touches = np.zeros(len(rows), dtype=np.bool_)
+    far_m, _ = cKDTree(ground.centers_of(np.argwhere(ground.occupied))).query(drive.poses[:, :2])
     # A cell's size less: neither the robot nor the wall is known better.
-    touches[inside] = far_m[rows[inside], columns[inside]] < radius_m - ground.resolution_m
+    touches = far_m < radius_m - ground.resolution_m
     begins = np.flatnonzero(touches & ~np.append(False, touches[:-1]))
     return _events(drive, "contact", drive.t_s[begins], drive.poses[begins], ["wall"] * len(begins))

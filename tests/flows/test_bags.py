@@ -8,10 +8,9 @@ from real_bags import Recorder, beyond, driven, split
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from table import each_row
 
-from vastflow.flows.bags import reading
 from vastflow.flows.bags.bag import BagError, read_bag
 from vastflow.flows.bags.drive import clock_of, drive_of, inverse, joined
-from vastflow.flows.bags.reading import read, topics_of
+from vastflow.flows.bags.reading import topics_of
 from vastflow.flows.bags.recorded import recording_of
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import si
@@ -182,16 +181,6 @@ def test_broken_bag_is_refused_in_one_sentence(tmp_path, drive, change):
     with pytest.raises(BagError, match=r"bag: can't be read: .") as error:
         imported(path)
     assert "\n" not in str(error.value)
-
-
-def test_bag_beyond_its_limits_is_refused(tmp_path, drive, monkeypatch):
-    path = PLAIN.write(tmp_path / "bag", drive)
-    monkeypatch.setattr(reading, "MOST_MESSAGES", 10)
-    with pytest.raises(ValueError, match="expected at most 10 messages of the robot's topics, got more"):
-        read(path, "", False)
-    monkeypatch.setattr(reading, "MOST_BYTES", 10)
-    with pytest.raises(ValueError, match=r"expected at most 0 GiB, got 0\.0 GiB"):
-        read(path, "", False)
 
 
 def test_missing_bag_is_named(tmp_path):
