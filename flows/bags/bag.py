@@ -64,7 +64,7 @@ class Bag:
         fixed: The same of static transforms.
         behaviors: Log time (s) and name of each behavior that a tree began.
         ranges_m: (N, B) ranges of the scans of `roles["scan"]`; none unless they were asked for.
-        exported: Whether it is a whole simulated run that vastflow exported.
+        exported: Outcome and reason of a whole simulated run that vastflow exported; None of another bag.
         notes: What was left out, one line each.
     """
 
@@ -77,7 +77,7 @@ class Bag:
     behaviors: Sequence[tuple[float, str]]
     scan: ScanShape | None
     ranges_m: NDArray[np.float32] = field(repr=False)
-    exported: bool
+    exported: tuple[str, str] | None
     notes: tuple[str, ...]
 
 

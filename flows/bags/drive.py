@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -220,6 +220,7 @@ def drive_of(bag: Bag, clock: Clock, start: Pose | None = None, goal: Pose | Non
         raise BagError(f"{bag.name}: expected a mission, got one of {ended_s - began_s:.1f} s")
     words = {"aborted": "the action was aborted", "timed_out": "the action was canceled"}
     reason = words.get(outcome, f"the bag ended {away_m[-1]:.2f} m from the goal") if outcome != "succeeded" else ""
+    reason = bag.exported[1] if bag.exported else reason
     at_s = clock.time_s
     within = at_s[(at_s >= began_s) & (at_s <= ended_s)]
     if len(within) > 1 and (gap_s := float(np.diff(within).max())) > GAP_S:
@@ -232,7 +233,8 @@ def _sent(bag: Bag, clock: Clock, begin_s: float, end_s: float) -> tuple[float, 
     """Return when the robot was sent, when its mission ended, and how; None where no action tells it."""
     status = bag.roles["status"]
     if bag.exported:
-        return begin_s, float(clock.times(bag.roles["truth"])[-1]) if len(bag.roles["truth"]) else end_s, None
+        ended_s = float(clock.times(bag.roles["truth"])[-1]) if len(bag.roles["truth"]) else end_s
+        return begin_s, ended_s, next((each for each in get_args(Outcome) if each == bag.exported[0]), None)
     at_s, codes = clock.arrivals(status.log_s), status.values[:, 0] if len(status) else np.empty(0)
     if len(sent := np.flatnonzero(np.isin(codes, (1, _EXECUTING)))):
         ends = np.flatnonzero((codes >= _SUCCEEDED) & (np.arange(len(codes)) > sent[0]))

@@ -80,7 +80,7 @@ def write_import(
         bag = read_bag(path, namespace)
         clock, clock_notes = clock_of(bag)
         drive = drive_of(bag, clock, start, goal)
-        hits = [] if drive.truth is None or "contact" in bag.topics else wall_contacts(drive, ground, radius_m)
+        hits = [] if drive.truth is None or bag.exported else wall_contacts(drive, ground, radius_m)
         recording = recording_of(bag, clock, drive, hits)
         stem = f"bag{number}-" if len(bags) > 1 else ""
         file = folder / "recordings" / f"{stem}{_plain(path.stem)}.parquet"

@@ -51,7 +51,8 @@ def read(path: Path, namespace: str, scans: bool) -> Bag:
     with AnyReader([path], default_typestore=typestore()) as reader:
         storage: Any = getattr(reader.readers[0], "storage", None)  # a ROS 1 bag has none
         about = getattr(getattr(storage, "metadata", None), "custom", None)
-        into.exported = isinstance(about, dict) and "vastflow" in about
+        if isinstance(about, dict) and "vastflow" in about:
+            into.exported = str(about.get("outcome")), _printable(str(about.get("reason", "")))
         connections = {connection.topic: connection.msgtype for connection in reader.connections}
         topics = topics_of(connections, namespace)
         role_of = {topic: role for role, topic in topics.items() if scans or role != "scan"}
@@ -83,7 +84,9 @@ def topics_of(connections: Mapping[str, str], namespace: str = "") -> dict[str, 
     for role, (kind, ends) in ROLES.items():
         of_kind = [t for t, name in connections.items() if name.rpartition("/")[2] in kind.split("|")]
         of_kind = [t for t in of_kind if not prefix or t.startswith(prefix) or "tf" in role]
-        of_kind = [t for t in of_kind if t not in found.values() and (role == "truth" or not _TRUE.search(t))]
+        of_kind = [
+            t for t in of_kind if t not in found.values() and (role in ("truth", "contact") or not _TRUE.search(t))
+        ]
         for end in ends:
             named = [t for t in of_kind if not end or t == f"/{end}" or t.endswith(f"/{end}")]
             own = [t for t in named if prefix and t.startswith(prefix)] or named
@@ -101,7 +104,7 @@ class _Gathered:
 
     def __init__(self) -> None:
         self.dropped: Counter[str] = Counter()
-        self.exported = False
+        self.exported: tuple[str, str] | None = None
         self._rows: dict[str, list[tuple[float, ...]]] = {role: [] for role in ROLES}
         self._edges: dict[tuple[str, str], list[tuple[float, ...]]] = {}
         self._fixed: dict[tuple[str, str], tuple[float, float, float]] = {}

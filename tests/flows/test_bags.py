@@ -142,6 +142,14 @@ def test_bag_of_two_robots_asks_for_one(tmp_path):
         topics_of(topics, "robot3")
 
 
+def test_topics_below_ground_truth_are_the_true_pose_and_contacts():
+    topics = {
+        "/ground_truth/odom": "nav_msgs/msg/Odometry",
+        "/ground_truth/contacts": "visualization_msgs/msg/MarkerArray",
+    }
+    assert topics_of(topics) == {"truth": "/ground_truth/odom", "contact": "/ground_truth/contacts"}
+
+
 def test_reading_imports_nothing_from_the_working_directory(drive, tmp_path, monkeypatch):
     for name in ("numpy", "rosbags"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit('code of the folder')\n")

@@ -1,5 +1,8 @@
 """A run that was exported as a bag and imported again: poses, scans, and verdicts."""
 
+import re
+from dataclasses import dataclass, field, replace
+
 import numpy as np
 import pytest
 from real_bags import drawn_map
@@ -27,14 +30,59 @@ def pose(x, y, yaw=0.0):
     return {"position": {"x": x, "y": y}, "orientation": {"yaw": yaw}}
 
 
-@pytest.fixture(scope="module")
-def exported(tmp_path_factory):
+START, GOAL = pose(1.5, 1.2), pose(6.0, 4.5)
+NOISE = {"laserscan_gaussian_noise_std_deviation": 0.02, "laserscan_random_drop_percentage": 0.1}
+CART = {
+    "name": "cart",
+    "shape": {"length_m": 0.6, "width_m": 0.4},
+    "waypoints": [[5.0, 5.5], [4.5, 1.5]],
+    "speed_m_s": 0.8,
+    "loop": "back_and_forth",
+}
+RAM = {
+    "name": "ram",
+    "shape": {"radius_m": 0.3},
+    "waypoints": [[6.0, 4.5], [1.5, 1.2]],
+    "speed_m_s": 2.0,
+    "loop": "once",
+}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of run: what differs from a drive to one goal."""
+
+    expected: tuple[str, ...] = ("succeeded",)
+    timeout_s: float = 60.0
+    environment: dict = field(default_factory=dict)
+    task: dict = field(default_factory=lambda: {"goal_pose": GOAL})
+    system: dict = field(default_factory=dict)
+    scenario: str = "navigate_to_pose"
+
+
+KINDS = {
+    "succeeds": Kind(),
+    "times out": Kind(("timed_out",), timeout_s=6.0),
+    "has no path": Kind(("aborted",), task={"goal_pose": pose(20.0, 20.0)}),
+    "passes a cart": Kind(environment={"movers": [CART]}),
+    "is hit": Kind(("contact",), environment={"movers": [RAM]}),
+    "drops beams": Kind(
+        system={"laserscan_gaussian_noise_std_deviation": 0.05, "laserscan_random_drop_percentage": 0.5}
+    ),
+    "goes through poses": Kind(
+        task={"goal_poses": [pose(4.0, 1.5), pose(6.8, 2.0), GOAL]}, scenario="navigate_through_poses"
+    ),
+}
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def exported(request, tmp_path_factory):
     """A scenario, its recording, its scans by time, and its bag."""
+    kind = KINDS[request.param]
     folder = tmp_path_factory.mktemp("exported")
-    task = {"start_pose": pose(1.5, 1.2), "goal_pose": pose(6.0, 4.5)}
-    system = {"laserscan_gaussian_noise_std_deviation": 0.02, "laserscan_random_drop_percentage": 0.1}
-    content = map_content(drawn_map(folder / "map"))
-    scenario = Scenario("builtin:navigate_to_pose", 60.0, {"map_file": content}, task, system)
+    environment = {"map_file": map_content(drawn_map(folder / "map")), **kind.environment}
+    task = {"start_pose": START, **kind.task}
+    scenario = Scenario(f"builtin:{kind.scenario}", kind.timeout_s, environment, task, NOISE | kind.system)
     scans: list[np.ndarray] = []
 
     def watch(stack: Stack, tick: int) -> None:
@@ -44,6 +92,8 @@ def exported(tmp_path_factory):
             scans.append(ranges)
 
     recording = run(scenario, 0, 0, watch, range(1200))
+    happened = {recording.run.outcome, *(event.kind for event in recording.run.events)}
+    assert {*kind.expected} <= happened, happened
     files = bag_of(RecordedRun("room", scenario, recording, 0, "pass", METADATA))
     (folder / "bag").mkdir()
     for name, raw in files.items():
@@ -61,7 +111,8 @@ def back(exported):
 
 def test_import_gives_the_poses_of_an_exported_run(exported, back):
     recorded, imported = exported[1].columns, back[1].columns
-    told = {name: imported[name] for name in recorded if not name.startswith("covariance_")}
+    # A bag tells no mover's pose but as a marker, which is not read.
+    told = {name: imported[name] for name in recorded if not name.startswith(("covariance_", "mover_"))}
     assert imported.keys() == told.keys()
     for name, column in told.items():
         assert column.shape == recorded[name].shape, name
@@ -77,14 +128,20 @@ def test_import_gives_the_scans_of_an_exported_run(exported, back):
 
 def test_import_gives_the_verdicts_of_an_exported_run(exported, back):
     scenario, recording = exported[:2]
+    # The scenario of an import has no movers, so that distances to them are not judged.
+    still = {name: value for name, value in scenario.environment.items() if name != "movers"}
+    scenario = replace(scenario, environment=still)
+    own = {name: column for name, column in recording.columns.items() if not name.startswith("mover_")}
     said = []
-    for each in (recording, back[1]):
+    for each in (replace(recording, columns=own), back[1]):
         block = write_recordings([each])
         said.append(judge_block(scenario, block, observe_block(scenario, block), oracles_of(ORACLES)).verdicts)
     for ours, theirs in zip(*said, strict=True):
-        assert (ours.oracle, ours.judgment, ours.reason) == (theirs.oracle, theirs.judgment, theirs.reason)
+        # Markers of contacts don't say with what.
+        reason = re.sub("'(cart|ram)'", "'something'", ours.reason)
+        assert (ours.oracle, ours.judgment, reason) == (theirs.oracle, theirs.judgment, theirs.reason)
         for name, metric in ours.metrics.items():
             # A bag tells no tick of the goal: it is the end of the run, at most a row later.
-            off = 0.11 if name == "time_to_goal" else 0.002
+            off = 0.11 if name == "time_to_goal" else 0.005
             value = None if metric.value is None else pytest.approx(metric.value, abs=off)
             assert theirs.metrics[name].value == value, (ours.oracle, name)

@@ -77,6 +77,8 @@ def bag_of(recorded: RecordedRun, without: Collection[str] = ()) -> dict[str, by
     about = {
         "campaign": str(recorded.metadata["name"]),
         "run": f"{recorded.configuration}/{recording.run.run_index}",
+        "outcome": recording.run.outcome,
+        "reason": recording.run.reason,
         "judgment": recorded.judgment,
         "vastflow": str(recorded.metadata["vastflow"]),
         "executed_again": missing or "equal to the recording bit for bit",
