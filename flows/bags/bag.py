@@ -43,10 +43,9 @@ class Messages:
 
 @dataclass(frozen=True)
 class ScanShape:
-    """Frame, angles (rad), and limits (m) of a laser scanner."""
+    """Frame, angle between beams (rad), and limits (m) of a laser scanner."""
 
     frame: str
-    angle_min_rad: float
     angle_increment_rad: float
     range_min_m: float
     range_max_m: float

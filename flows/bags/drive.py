@@ -203,9 +203,8 @@ def drive_of(bag: Bag, clock: Clock, start: Pose | None = None, goal: Pose | Non
         goal = _pose(estimated(np.array([ended_s]))[0])
         goal_from = "where the robot ended, as nothing in the bag names one"
     if ended_s - began_s > LONGEST_S:
-        raise BagError(
-            f"{bag.name}: expected a mission of a day at most, got {ended_s - began_s:.0f} s, as if both clocks had jumped"
-        )
+        took = f"{ended_s - began_s:.0f} s, as if both clocks had jumped"
+        raise BagError(f"{bag.name}: expected a mission of a day at most, got {took}")
     t_s = began_s + row_s * np.arange(int((ended_s - began_s) / row_s + 1e-6) + 1, dtype=np.float64)
     away_m = np.hypot(*(estimated(t_s)[:, :2] - (goal.x_m, goal.y_m)).T)
     if outcome is None:
@@ -218,9 +217,9 @@ def drive_of(bag: Bag, clock: Clock, start: Pose | None = None, goal: Pose | Non
             t_s = t_s[: near[0] + int(still[0]) + 1]
     if len(t_s) < 2:
         raise BagError(f"{bag.name}: expected a mission, got one of {ended_s - began_s:.1f} s")
-    words = {"aborted": "the action was aborted", "timed_out": "the action was canceled"}
-    reason = words.get(outcome, f"the bag ended {away_m[-1]:.2f} m from the goal") if outcome != "succeeded" else ""
-    reason = bag.exported[1] if bag.exported else reason
+    words = {"succeeded": "", "aborted": "the action was aborted", "timed_out": "the action was canceled"}
+    missed = f"the bag ended {away_m[-1]:.2f} m from the goal"
+    reason = bag.exported[1] if bag.exported else words.get(outcome, missed)
     at_s = clock.time_s
     within = at_s[(at_s >= began_s) & (at_s <= ended_s)]
     if len(within) > 1 and (gap_s := float(np.diff(within).max())) > GAP_S:
@@ -282,12 +281,8 @@ def _estimate_of(
     role = next((role for role in ("estimate", "initial") if len(bag.roles[role])), None)
     if role is not None:
         told = bag.roles[role]
-        since_s, at_s, on_map, words = (
-            clock.arrivals(told.log_s),
-            clock.times(told),
-            told.values[:, :3],
-            f"{bag.topics[role]} and {words}",
-        )
+        since_s, at_s, on_map = clock.arrivals(told.log_s), clock.times(told), told.values[:, :3]
+        words = f"{bag.topics[role]} and {words}"
     elif start is not None:
         since_s = at_s = clock.time_s[:1]
         on_map, words = np.array([[start.x_m, start.y_m, start.yaw_rad]]), f"{words} from --start"

@@ -155,10 +155,10 @@ class _Gathered:
                 self.dropped[f"messages of {role} that are not finite or beyond 100 km"] += 1
 
     def _take_scan(self, message: Any) -> None:
-        limits = message.angle_min, message.angle_increment, message.range_min, message.range_max
+        limits = message.angle_increment, message.range_min, message.range_max
         shape = ScanShape(_frame(message.header.frame_id), *map(float, limits))
         beams = len(message.ranges)
-        if not 2 <= beams <= MOST_BEAMS or not all(map(math.isfinite, limits[:3])) or not limits[1]:
+        if not 2 <= beams <= MOST_BEAMS or not all(map(math.isfinite, limits[:2])) or not limits[0]:
             raise ValueError(f"a scan of {beams} beams")
         if self._scan is None:
             self._scan = shape
