@@ -84,7 +84,7 @@ def calibrate(bags: Sequence[Path], namespace: str = "") -> Calibration:
             notes.append(f"expected at least {least} {what}, got {found}")
             del samples[kind]
     if not any(samples.values()):
-        raise BagError(f"nothing to fit: {'; '.join(notes)}")
+        raise BagError(f"nothing to fit ({', '.join(notes)})")
     return Calibration((*_lidar(samples), *_odometry(samples), *_response(samples)), tuple(notes))
 
 

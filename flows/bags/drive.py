@@ -263,7 +263,7 @@ def _goal(bag: Bag, clock: Clock, began_s: float, ended_s: float) -> tuple[Pose,
 def _estimate_of(
     bag: Bag, clock: Clock, frames: Frames, start: Pose | None
 ) -> tuple[str, Callable[[NDArray[np.float64]], Poses]]:
-    """Return the frames and topics of the robot's estimate of its pose on the map, and its poses (N, 3) at times.
+    """Return the origin of the robot's estimate on the map, in words, and its poses (N, 3) at times.
 
     Raises:
         BagError: nothing tells the robot's place on the map.

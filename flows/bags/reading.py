@@ -114,7 +114,7 @@ class _Gathered:
         self._ranges: list[NDArray[np.float32]] = []
 
     def has_type(self, reader: Any, connection: Any) -> bool:
-        """Whether the definition of a topic's type can be compiled, which writes a line per element of an array of messages."""
+        """Whether the definition of a topic's type can be compiled, which takes a line per element of an array."""
         from rosbags.interfaces import Nodetype
 
         fields = (field for _, (_, each) in reader.typestore.fielddefs.items() for _, field in each)

@@ -154,7 +154,7 @@ def signals_of(values):
     return {f"s{k}": value for k, value in enumerate(values)}
 
 
-def test_spread_calls_one_more_simulated_run_unusual_at_most_as_often_as_it_says():
+def test_spread_holds_its_level_for_one_more_run():
     rng = np.random.default_rng(2)
     found = []
     for _ in range(1500):
@@ -165,7 +165,7 @@ def test_spread_calls_one_more_simulated_run_unusual_at_most_as_often_as_it_says
         assert np.mean(np.array(found) <= level) <= level + 0.02
 
 
-def test_spread_tells_a_run_that_differs_in_many_signals_from_one_that_differs_in_one():
+def test_spread_tells_many_odd_signals_from_one():
     rng = np.random.default_rng(3)
     simulated = rng.normal(size=(20, 12)).tolist()
     other = spread_of([signals_of(row) for row in ([5.0] * 12, *simulated)])

@@ -1,4 +1,4 @@
-"""Bags of a robot that wanders in a raster world with round and oblique obstacles, with noise of other kinds than `real_bags`."""
+"""Bags of a robot that wanders in a raster world, with other kinds of noise than `real_bags`."""
 
 from dataclasses import dataclass
 
