@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from vastflow.producers.campaign_file.document import Document, faults_of, read_document
 from vastflow.producers.campaign_file.postprocessing import step_notes, steps_of
 from vastflow.producers.campaign_file.robovast import EXPECTED, SCHEMAS
-from vastflow.producers.campaign_file.scenario import FROM_GOAL, abstract_scenario_of, programs_of
+from vastflow.producers.campaign_file.scenario import CONTAINERS, FROM_GOAL, abstract_scenario_of, programs_of
 from vastflow.producers.campaign_file.sections import Sequential
 from vastflow.producers.campaign_file.spec import (
     DEFAULT_TIMEOUT_S,
@@ -171,7 +171,10 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
         raise FileError([*document.faults, *own, *system_file.faults, *ignored])
     if too_many := size_faults(document, families, spec.execution):
         raise FileError(too_many)
-    notes += [document.note("not executed", where, NOT_EXECUTED, why) for where, why in unexecuted(spec)]
+    executed = CONTAINERS if programs and programs.containers and not spec.execution.containers else ()
+    notes += [
+        document.note("not executed", at, NOT_EXECUTED, why) for at, why in unexecuted(spec) if at not in executed
+    ]
     notes += [*program_notes, *reader.notes]
     steps = steps_of(spec.results_processing.postprocessing)
     notes += step_notes(document, steps, path.parent, ("results_processing", "postprocessing"))

@@ -159,7 +159,7 @@ def execute(
     if record:
         used, outputs = (record.usage.cpu_s, record.usage.max_rss_bytes), record.outputs
         left_out = (f"{left.path} ({left.size_bytes} bytes) is not kept: {left.why}" for left in outputs.left_out)
-        notes = (*outputs.notes, *left_out, *filter(None, [record.post_command]))
+        notes = (*outputs.notes, *left_out, *filter(None, [record.post_command, record.note]))
         log = RunLog(started_s, ran_s, *used, tuple(lines), record.logs, record.resources, notes)
     else:
         peak_bytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -126,5 +126,8 @@ class Converter:
             if name == (order or [*containers])[0]:
                 found |= fields
             else:
-                found.setdefault("secondary_containers", []).append({"name": name, "resources": resources or None})
+                image = {"image": given["image"]} if "image" in given else {}
+                found.setdefault("secondary_containers", []).append(
+                    {"name": name, **image, "resources": resources or None}
+                )
         return found

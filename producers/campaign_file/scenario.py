@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Final
 
+from vastflow.producers.campaign_file.containers import containers_of
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.campaign_file.spec import ExecutionSpec
 from vastflow.producers.model.faults import Location
@@ -136,7 +137,9 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
     return AbstractScenario(name, content, definition), []
 
 
-KEYS: Final = ("run_files", "env", "pre_command", "post_command")
+KEYS: Final = ("run_files", "env", "pre_command", "post_command", "containers", "container_runtime")
+CONTAINERS: Final[Collection[Location]] = [("execution", name) for name in ("image", "secondary_containers")]
+"""Keys that describe containers, and are executed where `containers_of` says so."""
 
 
 def programs_of(
@@ -174,6 +177,8 @@ def programs_of(
         execution.pre_command or "",
         execution.post_command or "",
         "" if folder == PurePosixPath() else folder.as_posix(),
+        containers_of(execution),
+        "" if execution.container_runtime in (None, "any") else str(execution.container_runtime),
     )
     return setup, notes, faults
 

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, BaseModel, Field, WithJsonSchema
 from pydantic.json_schema import models_json_schema
 from pydantic_core import PydanticCustomError
 
+from vastflow.producers.campaign_file.containers import Containers, Runtime
 from vastflow.producers.campaign_file.search import SearchSpec
 from vastflow.producers.campaign_file.sections import (
     CARTESIAN,
@@ -142,7 +143,12 @@ class ExecutionSpec(Section):
     secondary_containers: Annotated[Annotated[list[Any], EmptyIsList], Unexecuted("no containers are started")] = Field(
         default_factory=list
     )
-    """Containers beside the main one, of the same image, in whatever form."""
+    """Containers beside the main one, in whatever form, of the same image if they give none."""
+    containers: Containers = Field(default_factory=dict)
+    """Containers of each run by name. The scenario's programs are started in `main`, if there is one. Not part of version 1 elsewhere."""
+    container_runtime: Runtime | None = None
+    """What runs containers; `any`, if not given: the first that works. With it, `image` and `secondary_containers` are run too. Not part
+    of version 1 elsewhere."""
     env: Annotated[list[Annotated[dict[str, Any], AfterValidator(_one_env)]], EmptyIsList] = Field(default_factory=list)
     """Environment variables of the containers, and of the programs a scenario starts, `- NAME: value`."""
     run_files: Annotated[list[str], EmptyIsList] = Field(default_factory=list)

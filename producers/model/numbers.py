@@ -1,9 +1,14 @@
-"""The kinds of number a producer's parameters are made of, with their ranges."""
+"""The kinds of number of campaign files: producers' parameters with their ranges, and quantities of memory."""
 
+import math
 import re
+from collections.abc import Mapping
+from fractions import Fraction
 from typing import Annotated, Any, Final, TypeAlias
 
 from pydantic import BeforeValidator, Field, Strict
+
+from vastflow.sim.model.faults import Invalid
 
 DEFAULT_ROBOT_DIAMETER_M: Final = 0.35
 """Outer diameter of the TurtleBot 4 to the nearest 0.05 m; the paper's paths were drawn with it."""
@@ -50,3 +55,36 @@ NotNegatives: TypeAlias = Annotated[
     tuple[NotNegative, ...], BeforeValidator(_listed, json_schema_input_type=NotNegative | list[NotNegative])
 ]
 """A number >= 0 or a list of at least one; a tuple once read."""
+
+SUFFIXES: Final[Mapping[str, int]] = {
+    "": 1,
+    "k": 10**3,
+    "M": 10**6,
+    "G": 10**9,
+    "T": 10**12,
+    "P": 10**15,
+    "Ki": 2**10,
+    "Mi": 2**20,
+    "Gi": 2**30,
+    "Ti": 2**40,
+    "Pi": 2**50,
+}
+"""Units of Kubernetes' quantities, without those below a byte (`8m` is 0.008 bytes) and exponents."""
+QUANTITY: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*([A-Za-z]*)", re.ASCII)
+
+
+def memory_bytes(text: str) -> int:
+    """Return the bytes of a quantity such as `8Gi` or `1.5G`, rounded up.
+
+    Raises:
+        ValueError: no such quantity.
+    """
+    match = QUANTITY.fullmatch(text.strip())
+    if match and match[2] in SUFFIXES and text == match[1] + match[2]:
+        size = math.ceil(Fraction(match[1]) * SUFFIXES[match[2]])
+        if size > 0:
+            return size
+    near = f"{match[2][:1].upper()}i" if match else ""
+    meant = f"{match[1]}{near}" if match and near in SUFFIXES else text
+    right = "expected more than 0, such as 8Gi" if meant == text else f"did you mean {meant!r}?"
+    raise Invalid(f"unknown quantity {text!r}", right)

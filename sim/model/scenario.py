@@ -39,6 +39,8 @@ class ProcessSetup:
         pre_command: Script with arguments that is sourced before, or empty. Relative paths start at the programs' working folder.
         post_command: Program with arguments that is started after, with `/out` as its last one.
         scenario_folder: Folder of the scenario file below `/config`; empty for `/config` itself.
+        containers: Name to description, see `vastflow.sim.scenario.programs.containers.container_of`.
+        container_runtime: Name of what runs them; empty for the first that works.
     """
 
     files: RunFiles = ()
@@ -46,13 +48,15 @@ class ProcessSetup:
     pre_command: str = ""
     post_command: str = ""
     scenario_folder: str = ""
+    containers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    container_runtime: str = ""
 
     @property
     def content(self) -> Value:
-        """The setup as a value; campaign directories of earlier versions have no `scenario_folder`."""
-        folder = {"scenario_folder": self.scenario_folder} if self.scenario_folder else {}
+        """The setup as a value; campaign directories of earlier versions have no `scenario_folder` and no containers."""
+        later = {name: getattr(self, name) for name in ("scenario_folder", "containers", "container_runtime")}
         return {
-            **folder,
+            **{name: value for name, value in later.items() if value},
             "files": [list(file) for file in self.files],
             "environment": self.environment,
             "pre_command": self.pre_command,

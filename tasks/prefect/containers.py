@@ -1,10 +1,8 @@
 """Needs of a campaign's containers, read from the keys of its `execution`: resources, variables, and nodes."""
 
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from typing import Any, Final, Literal, TypeVar
 
 import yaml
@@ -13,47 +11,16 @@ from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.document import EXPONENT
 from vastflow.producers.campaign_file.spec import Resources
 from vastflow.producers.model.faults import Location, shown
+from vastflow.producers.model.numbers import memory_bytes
 from vastflow.sim.model.faults import Fault, FileError, Got, Invalid, Problem
 from vastflow.sim.model.names import did_you_mean, label_of
 
 T = TypeVar("T")
 
-SUFFIXES: Final[Mapping[str, int]] = {
-    "": 1,
-    "k": 10**3,
-    "M": 10**6,
-    "G": 10**9,
-    "T": 10**12,
-    "P": 10**15,
-    "Ki": 2**10,
-    "Mi": 2**20,
-    "Gi": 2**30,
-    "Ti": 2**40,
-    "Pi": 2**50,
-}
-"""Units of Kubernetes' quantities, without those below a byte (`8m` is 0.008 bytes) and exponents."""
-QUANTITY: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*([A-Za-z]*)", re.ASCII)
 VARIABLE: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 NODE_LABEL: Final = re.compile(r"([a-z0-9][a-z0-9.-]{0,252}/)?[A-Za-z0-9]([A-Za-z0-9_.-]{0,61}[A-Za-z0-9])?")
 NODE_LABEL_VALUE: Final = re.compile(r"([A-Za-z0-9]([A-Za-z0-9_.-]{0,61}[A-Za-z0-9])?)?")
 PLAIN_SCALAR: Final = re.compile(r"[^\s,\[\]{}#]+")
-
-
-def memory_bytes(text: str) -> int:
-    """Return the bytes of a quantity such as `8Gi` or `1.5G`, rounded up.
-
-    Raises:
-        ValueError: no such quantity.
-    """
-    match = QUANTITY.fullmatch(text.strip())
-    if match and match[2] in SUFFIXES and text == match[1] + match[2]:
-        size = math.ceil(Fraction(match[1]) * SUFFIXES[match[2]])
-        if size > 0:
-            return size
-    near = f"{match[2][:1].upper()}i" if match else ""
-    meant = f"{match[1]}{near}" if match and near in SUFFIXES else text
-    right = "expected more than 0, such as 8Gi" if meant == text else f"did you mean {meant!r}?"
-    raise Invalid(f"unknown quantity {text!r}", right)
 
 
 def kubernetes_memory(size: int) -> str:

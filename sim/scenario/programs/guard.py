@@ -1,18 +1,20 @@
-"""The guard of a run: it kills the run's processes, found by a mark in their environment.
+"""The guard of a run: it kills the run's processes, found by a mark in their environment, and removes its containers.
 
-Run as a script, `guard.py MARK FOLDER` waits until its standard input is closed, kills what bears the mark and removes
-the folder. The kernel closes the pipe however the program that holds it ends, SIGKILL too. It imports nothing but the
+Run as a script, `guard.py MARK FOLDER` waits until its standard input is closed, kills what bears the mark, executes the
+commands that it read, one a line as a list in JSON, and removes the folder. The kernel closes the pipe however the program that holds it ends, SIGKILL too. It imports nothing but the
 standard library, so that it starts in some milliseconds. Marks are read from /proc: where there is none (macOS), no
 process is found.
 """
 
+import json
 import os
 import shutil
 import signal
 import stat
+import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
@@ -21,6 +23,8 @@ VARIABLE: Final = "VASTFLOW_RUN"
 """The environment variable that is the mark."""
 KILL_FOR_S: Final = 5.0
 """Time during which processes that keep starting others are killed, before the guard gives up."""
+CLEAN_FOR: Final = 60
+"""Times, a second apart, that the guard tries to remove containers whose runtime does not answer."""
 _PROC: Final = Path("/proc")
 
 
@@ -58,6 +62,18 @@ def kill_marked(mark: str, for_s: float = KILL_FOR_S) -> tuple[int, ...]:
     return found
 
 
+def clean(commands: Sequence[Sequence[str]], missing: bool = False) -> bool:
+    """Execute commands that remove containers, side by side; whether all removed one, or found none where it may be `missing`."""
+    pipe = subprocess.PIPE
+    try:
+        begun = [subprocess.Popen(each, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe) for each in commands]
+        said = [process.communicate(timeout=30.0)[1] for process in begun]
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    found = zip(begun, said, strict=True)
+    return all(not each.returncode or (missing and b"no such container" in text.lower()) for each, text in found)
+
+
 def remove_folder(folder: Path) -> None:
     """Remove `folder`, also if programs locked folders in it."""
     shutil.rmtree(folder, ignore_errors=True)
@@ -82,9 +98,15 @@ if __name__ == "__main__":
     # A terminal's Ctrl-C is for the program that started the run, which then closes the pipe in its own time.
     for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(ignored, signal.SIG_IGN)
-    sys.stdin.buffer.read()
+    left = [json.loads(line) for line in sys.stdin.buffer]
     _, given_mark, folder = sys.argv
     kill_marked(given_mark)
     time.sleep(0.1)  # a process that was just being started bears its mark a moment later
     kill_marked(given_mark)
+    is_clean = False
+    for _try in range(CLEAN_FOR if left else 0):
+        if clean(left, missing=True) and is_clean:
+            break
+        is_clean = True  # unless the runtime was just making one
+        time.sleep(1.0)
     remove_folder(Path(folder))

@@ -118,6 +118,7 @@ class ProcessGroup:
         pid: ID of the program's process, and of its session and group.
         log: Its standard output and error.
         failure: Failure of the program in words, empty for exit code 0; None while it runs.
+        is_stopped: Whether `stop` ended it.
     """
 
     def __init__(
@@ -149,6 +150,7 @@ class ProcessGroup:
         self._on_end = on_end
         self._overdue = ""
         self.failure: str | None = None
+        self.is_stopped = False
         self._is_over = False
         self._usage: Usage | None = None
         self._end = threading.Event()
@@ -194,6 +196,7 @@ class ProcessGroup:
             family = psutil.Process(self.pid).children(recursive=True)
         if self.failure is None:
             until_s = time.monotonic() + timeout_s
+            self.is_stopped = True
             self._signal_group(with_signal)
             if self.wait(timeout_s) is None:
                 self._overdue = f"did not end within {timeout_s:g} s of {_signal_name(with_signal)} and was killed"

@@ -1,19 +1,19 @@
 """A run of programs: its folder, environment, processes, and outputs."""
 
+import json
 import os
 import shlex
 import subprocess
 import sys
 import tempfile
 import threading
-import time
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import psutil
 
@@ -34,9 +34,13 @@ from vastflow.sim.scenario.programs.folders import (
     hand_over,
     named_in,
 )
-from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked, marked, remove_folder
+from vastflow.sim.scenario.programs.guard import VARIABLE, clean, kill_marked, marked, remove_folder
 from vastflow.sim.scenario.programs.outputs import Stamp, read_outputs, stamps
 from vastflow.sim.scenario.programs.process import RSS_UNIT_BYTES, ProcessGroup, Usage, kill_all
+from vastflow.sim.scenario.programs.resources import ResourceSampler
+
+if TYPE_CHECKING:
+    from vastflow.sim.scenario.programs.containers import RunContainers
 
 COMMAND_TIMEOUT_S: Final = 600.0
 """Host time that `pre_command` and `post_command` may take."""
@@ -50,57 +54,6 @@ command env -0 >"$vastflow_result"
 """
 
 MAX_LOGS_BYTES: Final = 64 * 2**20
-SAMPLED_S: Final = 1.0
-
-
-class ResourceSampler:
-    """A thread that samples a run's processes once a second of host time.
-
-    Attributes:
-        rows: The samples so far.
-    """
-
-    def __init__(self, pids: Callable[[], Iterable[int]]) -> None:
-        """Begin; `pids` gives the ids of the run's living processes."""
-        self._pids = pids
-        self._start_s = time.monotonic()
-        self._cpu_s: dict[psutil.Process, float] = {}
-        self.rows = [self._sample()]  # here, not in the thread: a run of milliseconds has a row too
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._sample_on, name="resources", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> tuple[Use, ...]:
-        """Stop sampling and return all rows."""
-        self._stopped.set()
-        self._thread.join()
-        return tuple(self.rows)
-
-    @property
-    def processes(self) -> set[psutil.Process]:
-        """Every process seen so far, whether it lives or not."""
-        return set(self._cpu_s)
-
-    def _sample_on(self) -> None:
-        while True:
-            next_s = self._start_s + len(self.rows) * SAMPLED_S
-            if self._stopped.wait(max(0.0, next_s - time.monotonic())):
-                return
-            self.rows.append(self._sample())
-
-    def _sample(self) -> Use:
-        t_s, rss_bytes, processes = time.monotonic() - self._start_s, 0, 0
-        for pid in self._pids():
-            try:
-                process = psutil.Process(pid)
-                with process.oneshot():
-                    times, rss = process.cpu_times(), process.memory_info().rss
-            except (psutil.NoSuchProcess, psutil.AccessDenied):
-                continue
-            self._cpu_s[process] = times.user + times.system
-            rss_bytes += rss
-            processes += 1
-        return Use(t_s, sum(self._cpu_s.values()), rss_bytes, processes)
 
 
 @dataclass(frozen=True)
@@ -111,6 +64,7 @@ class ProcessRecord:
         resources: Once a second of host time.
         usage: Usage of all its processes. Those that lived less than a second, and those that nobody waited for, may be missing.
         post_command: Failure of `post_command` in words; empty where it exited with code 0 or there is none.
+        note: What ran containers; empty without any.
     """
 
     outputs: Outputs
@@ -118,6 +72,7 @@ class ProcessRecord:
     resources: tuple[Use, ...]
     usage: Usage
     post_command: str
+    note: str = ""
 
 
 def _check_mounts() -> None:
@@ -148,6 +103,8 @@ class ProcessRun:
         self._groups: list[ProcessGroup] = []
         self._news = threading.Event()
         self._guard: subprocess.Popen[bytes] | None = None
+        self._removals: list[Sequence[str]] = []
+        self._containers: RunContainers | None = None
         self._sampler: ResourceSampler | None = None
         self._before: Mapping[str, Stamp] = {}
         self._usages: list[Usage] = []
@@ -165,37 +122,62 @@ class ProcessRun:
         for folder in (folders.config, folders.out):
             copy_in(self._setup.files, folder)
             hand_over(self._handed, folder)
-        self._named = self._named or folders.named_in_files()
+        if self._setup.containers:
+            from vastflow.sim.scenario.programs.containers import RunContainers  # seldom needed
+
+            self._containers = RunContainers(self, self._setup)
+            if self._containers.has_main:  # where none of this machine's variables are
+                self.environment = {**self._setup.environment}
+        self._named = not self._in_main and (self._named or folders.named_in_files())
         if self._named:
             _check_mounts()
         self._before = stamps(folders.out)
         if self._setup.pre_command:
-            self.environment = self._sourced(folders.logs / "environment")
+            self.environment = self._sourced(folders.out / ".vastflow-environment")
             self._news.clear()
+        if self._containers is not None:
+            self._containers.begin()
 
-    def start(self, command: Sequence[str], label: str = "") -> ProcessGroup:
-        """Start `command` in the run's folder; ScenarioError if it can't be."""
+    def start(self, command: Sequence[str], label: str = "", *, container: str = "main") -> ProcessGroup:
+        """Start `command` in the run's folder, in a container if there is this one; ScenarioError if it can't be."""
         if self._guard is None:
             self._guard = _guarding(self._mark, self.folders.out.parent)
-        named = self._named or named_in(command)
+        number = len(self._groups)
+        mark, environment = f"{self._mark}{number}.", self.environment
+        started = self._containers.launched(container, command, mark) if self._containers else None
+        if started is not None:
+            environment = {**os.environ}
+        named = started is None and (self._named or named_in(command))
         if named and self._namespace is None:
             _check_mounts()
             self._namespace = MountNamespace.of(self.folders.mounts)
-        number = len(self._groups)
         group = ProcessGroup(
-            command,
+            started.client if started else command,
             folders=self.folders,
             namespace=self._namespace if named else None,
-            environment=self.environment,
+            environment=environment,
             log_file=self.folders.logs / f"{number}.log",
-            mark=f"{self._mark}{number}.",
+            mark=mark,
             label=label,
             on_end=self._news.set,
         )
         self._groups.append(group)
+        if started is not None:
+            started.group, group.command = group, tuple(command)
         if self._sampler is None:
-            self._sampler = ResourceSampler(self.pids)
+            self._sampler = ResourceSampler(self.pids, self._containers.cgroups if self._containers else tuple)
         return group
+
+    def at_end(self, command: Sequence[str]) -> None:
+        """Have a command executed when the run has ended, by the guard if this process is killed."""
+        self._removals.append(command)
+        if self._guard is not None and self._guard.stdin is not None:
+            self._guard.stdin.write(json.dumps(command).encode() + b"\n")
+            self._guard.stdin.flush()
+
+    @property
+    def _in_main(self) -> bool:
+        return self._containers is not None and self._containers.has_main
 
     @property
     def waiting(self) -> bool:
@@ -203,10 +185,16 @@ class ProcessRun:
         return any(group.failure is None for group in self._groups)
 
     def wait(self, timeout_s: float) -> None:
-        """Return once a command has ended since the last call, none runs, or `timeout_s` of host time is over."""
+        """Return once a command has ended since the last call, none runs, or `timeout_s` of host time is over.
+
+        Raises:
+            ScenarioError: a container broke the run, see `RunContainers.check`.
+        """
         if self.waiting:
             self._news.wait(timeout_s)
         self._news.clear()
+        if self._containers is not None:
+            self._containers.check()
 
     def labeled(self, label: str) -> ProcessGroup | None:
         """Return the last command with this label."""
@@ -222,7 +210,7 @@ class ProcessRun:
             if group.failure is None:
                 with suppress(psutil.NoSuchProcess):
                     pids |= {group.pid, *(child.pid for child in psutil.Process(group.pid).children(recursive=True))}
-        return pids
+        return pids.union(*(each.pids() for each in (self._containers.cgroups() if self._containers else ())))
 
     @property
     def resources(self) -> tuple[Use, ...]:
@@ -234,6 +222,8 @@ class ProcessRun:
 
         Programs that should be asked before they are killed have to be stopped first.
         """
+        if self._containers is not None:
+            self._containers.check()
         for group in reversed(self._groups):
             group.stop(timeout_s=0.0)
         post_command = self._post_command() if self._setup.post_command else ""
@@ -245,7 +235,9 @@ class ProcessRun:
         own = getrusage(RUSAGE_SELF).ru_maxrss * RSS_UNIT_BYTES
         peaks = [usage.max_rss_bytes for usage in self._usages if usage.max_rss_bytes > own]
         usage = Usage(max(waited_s, sampled_s), max([*peaks, *(row.rss_bytes for row in resources)], default=0))
-        return ProcessRecord(read_outputs(self.folders.out, self._before), self._logs(), resources, usage, post_command)
+        note = self._containers.note if self._containers else ""
+        outputs = read_outputs(self.folders.out, self._before)
+        return ProcessRecord(outputs, self._logs(), resources, usage, post_command, note)
 
     def end(self) -> None:
         """Leave nothing running, or raise RuntimeError; may be called again."""
@@ -255,9 +247,14 @@ class ProcessRun:
         if self._sampler:
             self._sampler.stop()
             kill_all(self._sampler.processes)  # who left its family and dropped its mark was perhaps seen before
-        if self._guard is not None and self._guard.returncode is None:
-            self._guard.kill()
-            self._guard.communicate()
+        guard, self._guard = self._guard, None
+        if guard is not None and guard.stdin is not None:
+            is_clean = clean(self._removals)  # else the guard goes on, as a runtime may be about to make one
+            if is_clean:
+                guard.kill()
+            guard.stdin.close()
+            if is_clean:
+                guard.wait()
         if self._namespace is not None:
             self._namespace.close()
             self._namespace = None
@@ -273,7 +270,8 @@ class ProcessRun:
         script, *arguments = [given] if self.folders.path(given).is_file() else _words(given)
         if not self.folders.path(script).is_file():
             raise ScenarioError(f"pre_command: there is no file {script!r}")
-        command = ["bash", "-c", _SOURCE, "bash", str(result), self._seen(script), *arguments]
+        shown = f"{OUT}/{result.name}" if self._in_main else str(result)
+        command = ["bash", "-c", _SOURCE, "bash", shown, self._seen(script), *arguments]
         try:
             group = self.start(command, "pre_command")
         except ScenarioError as error:
@@ -298,7 +296,7 @@ class ProcessRun:
     def _seen(self, program: str) -> str:
         """Return the whole path of a file in the run's folder, else the program's name."""
         here = self.folders.out / program
-        return str(here) if here.is_file() else program
+        return (f"{OUT}/{program}" if self._in_main else str(here)) if here.is_file() else program
 
     def _logs(self) -> tuple[LogText, ...]:
         texts, left_bytes = [], MAX_LOGS_BYTES

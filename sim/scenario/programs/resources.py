@@ -1,0 +1,77 @@
+"""Resource samples of a run: what its processes and containers use, once a second."""
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Final
+
+import psutil
+
+from vastflow.sim.model.recording import Use
+
+if TYPE_CHECKING:
+    from vastflow.sim.scenario.programs.containers import Started
+
+SAMPLED_S: Final = 1.0
+
+
+class ResourceSampler:
+    """A thread that samples a run's processes once a second of host time.
+
+    Attributes:
+        rows: The samples so far.
+    """
+
+    def __init__(
+        self, pids: Callable[[], Iterable[int]], containers: Callable[[], Iterable["Started"]] = tuple
+    ) -> None:
+        """Begin; `pids` gives the ids of the run's living processes, `containers` those that measure themselves."""
+        self._pids = pids
+        self._containers = containers
+        self._container_cpu_s: dict[str, float] = {}
+        self._start_s = time.monotonic()
+        self._cpu_s: dict[psutil.Process, float] = {}
+        self.rows = [self._sample()]  # here, not in the thread: a run of milliseconds has a row too
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._sample_on, name="resources", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> tuple[Use, ...]:
+        """Stop sampling and return all rows."""
+        self._stopped.set()
+        self._thread.join()
+        return tuple(self.rows)
+
+    @property
+    def processes(self) -> set[psutil.Process]:
+        """Every process seen so far, whether it lives or not."""
+        return set(self._cpu_s)
+
+    def _sample_on(self) -> None:
+        while True:
+            next_s = self._start_s + len(self.rows) * SAMPLED_S
+            if self._stopped.wait(max(0.0, next_s - time.monotonic())):
+                return
+            self.rows.append(self._sample())
+
+    def _sample(self) -> Use:
+        t_s, rss_bytes, processes = time.monotonic() - self._start_s, 0, 0
+        measured: set[int] = set()
+        for each in self._containers():
+            measured |= each.pids()  # the runtime's client, which is none of the run, too
+            if each.cgroup and (used := each.cgroup.usage()):
+                self._container_cpu_s[each.id] = used[0]
+                rss_bytes += used[1]
+                processes += len(each.cgroup.pids())
+        for pid in {*self._pids()} - measured:
+            try:
+                process = psutil.Process(pid)
+                with process.oneshot():
+                    times, rss = process.cpu_times(), process.memory_info().rss
+            except (psutil.NoSuchProcess, psutil.AccessDenied):
+                continue
+            self._cpu_s[process] = times.user + times.system
+            rss_bytes += rss
+            processes += 1
+        cpu_s = sum(self._cpu_s.values()) + sum(self._container_cpu_s.values())
+        return Use(t_s, cpu_s, rss_bytes, processes)
