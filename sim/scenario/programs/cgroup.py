@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -20,7 +20,7 @@ class Cgroup:
     """
 
     paths: tuple[str, ...]
-    root: Path = ROOT
+    root: Path = field(default_factory=lambda: ROOT)
     id_file: Path | None = None
 
     def folder(self, controller: str) -> Path:

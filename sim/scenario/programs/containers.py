@@ -101,6 +101,10 @@ class Started:
         return self.group is not None and self.group.failure is None
 
     @property
+    def failure(self) -> str | None:
+        return self.group.failure if self.group else None
+
+    @property
     def log(self) -> ProcessLog:
         """What it printed, which is whole if it has ended."""
         assert self.group is not None  # it has been started
@@ -224,10 +228,10 @@ class RunContainers:
             case "command":
                 done = self._answers(self._runtime.inside(started, value))
             case _:
-                done = True
+                done = self._runtime.pid_in_network(started) is not None
         if not done and time.monotonic() - started.began_s > container.within_s:
             wanted = {"log": f"printed {value!r}", "port": f"listened on port {value}"}
-            what = wanted.get(kind, "passed its health command")
+            what = wanted.get(kind, "passed its health command" if kind else "started")
             raise ScenarioError(
                 group.with_last_line(f"container {started.name!r} has not {what} within {container.within_s:g} s")
             )

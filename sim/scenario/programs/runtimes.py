@@ -3,6 +3,8 @@
 import functools
 import json
 import os
+import re
+import shlex
 import shutil
 import subprocess
 from abc import ABC, abstractmethod
@@ -31,7 +33,16 @@ _PLACES: Final = (
     "libpod_parent/libpod-{}",
 )
 """Control groups of Docker's and Podman's containers."""
-_REMOVE_CGROUP: Final = 'for each; do for _ in 1 2 3 4 5 6 7 8 9; do [ ! -d "$each" ] || rmdir "$each" 2>/dev/null && continue 2; sleep 0.1; done; exit 1; done'
+_REMOVE_CGROUPS: Final = """\
+for each in /sys/fs/cgroup/"$0" /sys/fs/cgroup/*/"$0"; do
+    for _ in 1 2 3 4 5 6 7 8 9; do
+        [ -d "$each" ] || continue 2
+        kill -9 $(cat "$each/cgroup.procs") 2>/dev/null
+        rmdir "$each" 2>/dev/null || sleep 0.1
+    done
+    exit 1
+done
+"""
 _IN_CGROUP: Final = 'while [ "$1" != -- ]; do echo 0 >"$1/cgroup.procs" || exit; shift; done; shift; exec "$@"'
 
 
@@ -39,7 +50,7 @@ class Runtime(ABC):
     """A runtime of containers.
 
     Attributes:
-        fault: What the last line of its clients has where a container could not be started.
+        fault: Pattern of its last line where a program could not be started, with the reason as its group.
     """
 
     name: str
@@ -69,12 +80,14 @@ class Runtime(ABC):
         """Return why a container that failed breaks the run; empty if it failed by itself."""
         if started.cgroup and started.cgroup.killed():
             return _starved(started)
-        last = started.log.last_line()
-        return last if self.fault in last else ""
+        found = re.search(self.fault, started.log.last_line())
+        return found[1] if found else ""
 
 
 class Engine(Runtime):
     """Docker, or Podman, whose command line is the same."""
+
+    fault = r"^(?:\[FATAL tini \(\d+\)\]|ERROR \(catatonit:\d+\):) (.*)"
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -130,14 +143,16 @@ class Engine(Runtime):
         running, starved, error = f"{out.strip()}  ".split(" ", 2)
         if running == "true":
             return "it lost the container, which was still running"
-        return _starved(started) if starved == "true" else _reason(error) if error else ""
+        if starved == "true" or (started.container.memory and started.failure == "exited with code 137"):
+            return _starved(started)
+        return _reason(error) if error.strip() else super().broken(started)
 
 
 class Runc(Runtime):
     """`runc` with the root folder's content, read-only; for root alone."""
 
     name = "runc"
-    fault = "runc run failed"
+    fault = r'runc run failed: (.*?)"?$'
 
     def works(self) -> bool:
         return shutil.which(self.name) is not None and os.geteuid() == 0
@@ -149,7 +164,8 @@ class Runc(Runtime):
         started.client = [*self._runc(started), "run", "--keep", "--bundle", str(started.folder), started.id]
 
     def removal(self, started: Started) -> Sequence[str]:
-        return [*self._runc(started), "delete", "--force", started.id]
+        known = shlex.join([*self._runc(started), "delete", "--force", started.id])
+        return ["sh", "-c", f"{known}\n{_REMOVE_CGROUPS}", started.id]  # killed at its start, runc does not know it yet
 
     def inside(self, started: Started, command: Sequence[str]) -> Sequence[str]:
         return [*self._runc(started), "exec", started.id, *command]
@@ -208,7 +224,7 @@ class Bubblewrap(Runtime):
     """
 
     name = "bubblewrap"
-    fault = "bwrap: "
+    fault = "^bwrap: (.*)"
 
     def works(self) -> bool:
         return can_mount()
@@ -247,7 +263,7 @@ class Bubblewrap(Runtime):
         started.client = [*prefix, *network, "env", "-i", *environment, *inner]
 
     def removal(self, started: Started) -> Sequence[str]:
-        return ["sh", "-c", _REMOVE_CGROUP, "sh", *map(str, Cgroup((started.id,)).folders)]
+        return ["sh", "-c", _REMOVE_CGROUPS, started.id]
 
     def inside(self, started: Started, command: Sequence[str]) -> Sequence[str]:
         pid = self.pid_in_network(started)
@@ -296,7 +312,7 @@ def _reason(text: str) -> str:
     """Return the last line that says something, without what a runtime puts before it."""
     lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith(("See ", "Run "))]
     last = lines[-1] if lines else "no reason was given"
-    for prefix in ("Error response from daemon: ", "Error: ", "docker: "):
+    for prefix in ("docker: ", "Error response from daemon: ", "Error: "):
         last = last.removeprefix(prefix)
     return last[:400]
 
