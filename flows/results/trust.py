@@ -132,6 +132,10 @@ def _programs(directory: Path, rows: Iterable[Mapping[str, Any]]) -> Iterator[st
     for name in ("pre_command", "post_command"):
         if execution.get(name):
             yield f"{name} {str(execution[name])[:100]!r}"
+    for name, given in (execution.get("containers") or {}).items():
+        seen = filter(os.path.isabs, (str(each.get("source")) for each in given.get("mounts") or ()))
+        sees = "".join(f", which sees {place!r}" for place in seen)
+        yield f"container {name!r} of {given.get('image') or given.get('rootfs')!r}{sees}"
     for step in (campaign.get("results_processing") or {}).get("postprocessing") or ():
         yield from (f"postprocessing by {name}" for name in step if name not in {*RECORDED, *UNTOUCHED})
     if any(json_value(row["scenario"]).get("programs") for row in rows):

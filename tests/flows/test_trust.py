@@ -143,6 +143,10 @@ def test_data_alone_asks_nothing(tmp_path, canary, state):
     [
         ("execution: {pre_command: ./evil.sh}", "pre_command './evil.sh'"),
         ('execution: {"post\\x5fcommand": ./evil.sh}', "post_command './evil.sh'"),
+        (
+            "execution: {containers: {a: {rootfs: /, mounts: [{source: /root, target: /x}, {source: data, target: /y}]}}}",
+            "container 'a' of '/', which sees '/root'",
+        ),
         ("results_processing: {postprocessing: [command: {script: evil}]}", "postprocessing by command"),
     ],
 )

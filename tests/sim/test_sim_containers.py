@@ -11,9 +11,12 @@ from containers import RUNTIMES, containers_left, in_containers, made_root, miss
 from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.model.scenario import ProcessSetup, setup_of
+from vastflow.sim.model.scenario import ProcessSetup, Scenario, setup_of
+from vastflow.sim.reading.abstract import abstract_content
+from vastflow.sim.run import execute
 from vastflow.sim.scenario.programs import cgroup as cgroup_module
 from vastflow.sim.scenario.programs.cgroup import Cgroup
+from vastflow.sim.scenario.programs.folders import files_matching
 from vastflow.sim.scenario.programs.guard import marked
 
 pytestmark = pytest.mark.timeout(900)
@@ -198,14 +201,6 @@ def test_forks_are_limited_and_end_with_the_run(begun):
         assert run.pids() == set()
 
 
-def test_pre_command_is_sourced_in_the_main_container(begun, tmp_path):
-    with (
-        pytest.raises(ScenarioError, match=r"pre_command: there is no file 'pre\.sh'"),
-        begun({"main": {}}, pre_command="pre.sh"),
-    ):
-        pass
-
-
 def test_killed_process_leaves_no_container(runtime, root, tmp_path):
     mark = f"{runtime}{time.time_ns()}."
     containers = {"server": {**root, "command": ["sh", "-c", SERVE], "health": {"port": 8080}}, "main": root}
@@ -300,3 +295,34 @@ def test_setup_with_containers_is_read_from_its_content():
     setup = ProcessSetup(containers={"main": {"image": "a:1"}}, container_runtime="docker")
     assert setup_of(setup.content) == setup
     assert ProcessSetup().content.keys() == {"files", "environment", "pre_command", "post_command"}
+
+
+@pytest.fixture
+def host_root():
+    """A container that sees this machine's own root folder, where bubblewrap works."""
+    if reason := missing("bubblewrap"):
+        pytest.skip(reason)
+    return {"rootfs": "/"}
+
+
+def test_exports_of_the_pre_command_reach_programs_of_the_main_container(host_root, tmp_path):
+    (tmp_path / "pre.sh").write_text("export FOR_YOU=$'two\\nlines'\n")
+    files = files_matching(tmp_path, ["pre.sh"])
+    with in_containers("bubblewrap", tmp_path, {"main": host_root}, files=files, pre_command="pre.sh") as run:
+        assert said(run, 'echo "$FOR_YOU"; ls -A') == ("two\nlines\npre.sh", "")
+        record = run.close()
+    assert not record.outputs.files
+
+
+def test_scenario_starts_its_programs_in_the_main_container(host_root, tmp_path):
+    (tmp_path / "go.osc").write_text(
+        "import osc.helpers\nimport osc.os\nscenario go:\n    timeout(60s)\n    do serial:\n"
+        '        process_log_check("server", ["up"])\n        run_process("sh -c \'echo $PPID >/out/asked\'")\n'
+        '        check_process_running("sleep 600")\n'
+    )
+    server = {**host_root, "command": ["sh", "-c", "echo up; sleep 600"]}
+    setup = ProcessSetup(containers={"server": server, "main": host_root}, container_runtime="bubblewrap")
+    execution = execute(Scenario(abstract_content(tmp_path / "go.osc"), 60.0, {}, {}, {}, setup), 0)
+    assert execution.recording.run.outcome == "succeeded"
+    assert execution.recording.outputs.files == {"asked": b"1\n"}  # it has no process of this machine above it
+    assert "containers run by bubblewrap: server, main" in execution.log.notes

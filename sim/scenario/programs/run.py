@@ -133,7 +133,7 @@ class ProcessRun:
             _check_mounts()
         self._before = stamps(folders.out)
         if self._setup.pre_command:
-            self.environment = self._sourced(folders.out / ".vastflow-environment")
+            self.environment = self._sourced((folders.out if self._in_main else folders.logs) / ".environment")
             self._news.clear()
         if self._containers is not None:
             self._containers.begin()
