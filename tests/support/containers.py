@@ -73,4 +73,4 @@ def in_containers(runtime, folder, containers, **setup):
 
 def _said(*command):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    return "" if done.returncode else done.stdout or "yes"
+    return "" if done.returncode else done.stdout

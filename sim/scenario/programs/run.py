@@ -117,6 +117,8 @@ class ProcessRun:
                 end in time. The run is not to be judged.
         """
         folders = self.folders
+        if self._setup.containers:  # to begin one takes longer
+            self._guard = _guarding(self._mark, folders.out.parent)
         for folder in (folders.config, folders.out, folders.logs):
             folder.mkdir()
         for folder in (folders.config, folders.out):
@@ -349,7 +351,7 @@ def process_run(
             run.end()
             try:
                 with tempfile.TemporaryFile(dir=root) as file:
-                    file.write(b"1" * 4096)
+                    file.write(b"1" * 65536)  # what was removed just now may have made some room
             except OSError as error:
                 raise OSError(error.errno, error.strerror, str(root)) from None
         finally:

@@ -17,7 +17,7 @@ import psutil
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.scenario.programs.cgroup import Cgroup
 from vastflow.sim.scenario.programs.containers import Container, Started
-from vastflow.sim.scenario.programs.folders import BUBBLEWRAP, OUT, can_mount
+from vastflow.sim.scenario.programs.folders import BUBBLEWRAP, OUT
 
 TIMEOUT_S: Final = 60.0
 """Host time that a runtime has for an answer."""
@@ -227,7 +227,8 @@ class Bubblewrap(Runtime):
     fault = "^bwrap: (.*)"
 
     def works(self) -> bool:
-        return can_mount()
+        command = [BUBBLEWRAP, "--unshare-pid", "--unshare-net", "--ro-bind", "/", "/", "--proc", "/proc", "true"]
+        return shutil.which(BUBBLEWRAP) is not None and _run(command)[0] == 0
 
     def prepare(self, started: Started) -> None:
         given = started.container
