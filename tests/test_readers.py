@@ -56,6 +56,8 @@ ALLOWED: Final[dict[str, tuple[int, str]]] = {
     "sim/plug_ins/snapshot.py": (1, "copies in the user's cache, compared with their digests"),
     "sim/scenario/language/declaring.py": (1, "files of the installation"),
     "sim/scenario/language/grammar.py": (1, "files of the installation"),
+    "sim/scenario/programs/cgroup.py": (4, "/sys/fs/cgroup, and an id that Docker wrote"),
+    "sim/scenario/programs/containers.py": (1, "/proc"),
     "sim/scenario/programs/folders.py": (2, "copies that were just made, and namespaces in /proc"),
     "sim/scenario/programs/guard.py": (1, "/proc"),
     "sim/scenario/programs/process.py": (2, "logs that were just opened for writing"),

@@ -2,9 +2,9 @@
 
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, TypeAlias
+from typing import Annotated, Any, Final, Literal, Self, TypeAlias
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -14,9 +14,6 @@ from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.programs.folders import below_config
-
-if TYPE_CHECKING:
-    from vastflow.producers.campaign_file.spec import ExecutionSpec
 
 Runtime: TypeAlias = Literal["any", "docker", "podman", "runc", "bubblewrap"]
 MAIN: Final = "main"
@@ -74,7 +71,7 @@ class MountSpec(Section):
 
 
 class HealthSpec(Section):
-    """How a container shows that it is ready: one of these, within a time."""
+    """The check that a container is ready: one of these, within a time."""
 
     log: str | None = None
     """A text that it prints."""
@@ -142,17 +139,19 @@ def _set(specs: dict[str, ContainerSpec]) -> dict[str, ContainerSpec]:
 Containers: TypeAlias = Annotated[dict[str, ContainerSpec], AfterValidator(_set), EmptyIsMap]
 
 
-def containers_of(execution: "ExecutionSpec") -> dict[str, dict[str, Value]]:
-    """Return the containers of a campaign's runs by name, see `vastflow.sim.scenario.programs.containers.container_of`.
+def containers_of(
+    specs: Mapping[str, ContainerSpec], runtime: Runtime | None, image: str | None, secondary: Sequence[Any]
+) -> dict[str, dict[str, Value]]:
+    """Return the containers of a campaign's runs by name, see `vastflow.sim.model.container.container_of`.
 
     `image` and `secondary_containers` are containers only where the file names a runtime: else they describe what RoboVAST starts.
     """
-    if execution.containers:
-        return {name: _content(spec) for name, spec in execution.containers.items()}
-    if execution.container_runtime is None or execution.image is None:
+    if specs:
+        return {name: _content(spec) for name, spec in specs.items()}
+    if runtime is None or image is None:
         return {}
-    others = {name: image or execution.image for name, image in map(_secondary, execution.secondary_containers)}
-    return {name: {"image": image} for name, image in {MAIN: execution.image, **others}.items()}
+    others = {name: own or image for name, own in map(_secondary, secondary)}
+    return {name: {"image": each} for name, each in {MAIN: image, **others}.items()}
 
 
 def _content(spec: ContainerSpec) -> dict[str, Value]:

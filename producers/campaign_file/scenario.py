@@ -177,7 +177,9 @@ def programs_of(
         execution.pre_command or "",
         execution.post_command or "",
         "" if folder == PurePosixPath() else folder.as_posix(),
-        containers_of(execution),
+        containers_of(
+            execution.containers, execution.container_runtime, execution.image, execution.secondary_containers
+        ),
         "" if execution.container_runtime in (None, "any") else str(execution.container_runtime),
     )
     return setup, notes, faults

@@ -39,7 +39,7 @@ class ProcessSetup:
         pre_command: Script with arguments that is sourced before, or empty. Relative paths start at the programs' working folder.
         post_command: Program with arguments that is started after, with `/out` as its last one.
         scenario_folder: Folder of the scenario file below `/config`; empty for `/config` itself.
-        containers: Name to description, see `vastflow.sim.scenario.programs.containers.container_of`.
+        containers: Name to description, see `vastflow.sim.model.container.container_of`.
         container_runtime: Name of what runs them; empty for the first that works.
     """
 

@@ -7,8 +7,8 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
+from vastflow.sim.model.container import Container, Mount, container_of
 from vastflow.sim.model.faults import FileError
-from vastflow.sim.scenario.programs.containers import Container, Mount, container_of
 
 SCENARIO = "import osc.helpers\nscenario go:\n    timeout(9s)\n    do serial:\n        run_process('true')\n"
 

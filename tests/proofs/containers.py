@@ -33,7 +33,7 @@ ASK = ["sh", "-c", "busybox wget -qO- http://127.0.0.1:8080 >answer"]
 
 
 def life(runtime, root, who):
-    """One run of a server and a client; what the client was answered."""
+    """Execute a run of a server and a client, and return the answer."""
     server = {**root, "command": ["sh", "-c", SERVE], "health": {"port": 8080}, "memory": 64 << 20, "cpu": 0.5}
     containers = {"server": server, "main": root}
     with process_run(ProcessSetup(containers=containers, container_runtime=runtime, environment={"WHO": who})) as run:
@@ -59,7 +59,7 @@ def begun(runtime, root, who, folder, mark=""):
 
 
 def left_of(runtime, mark, folder, for_s=90):
-    """What is left of the runs that were begun with a mark, once nothing changes that."""
+    """Count the remains of runs that were begun with a mark."""
     until_s = time.monotonic() + for_s
     while True:
         processes = len(list(marked(mark)))

@@ -1,4 +1,4 @@
-"""Containers of a run, by each runtime that works here: what they see, share, and may use, and what ends them."""
+"""Containers of a run, by each runtime that works here."""
 
 import os
 import signal
@@ -271,7 +271,7 @@ def test_runtime_that_does_not_work_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     code = (
         "from vastflow.sim.scenario.programs.runtimes import chosen\n"
-        "from vastflow.sim.scenario.programs.containers import Container\n"
+        "from vastflow.sim.model.container import Container\n"
         "from vastflow.sim.model.faults import ScenarioError\n"
         "for name, root in (('', {'image': 'a'}), ('podman', {'image': 'a'}), ('', {'rootfs': '/'})):\n"
         "    try: chosen(name, [Container(**root)])\n"

@@ -27,7 +27,7 @@ def missing(runtime):
 
 
 def made_root(runtime, folder):
-    """The root file system of a container as `ProcessSetup` has it: an image that is made if it is not there, or a folder."""
+    """Make a root file system: an image, or a folder."""
     root = folder / "root"
     for each in ("bin", "etc"):
         (root / each).mkdir(parents=True)
@@ -52,7 +52,7 @@ def refused(runtime):
 
 
 def containers_left(runtime, run=""):
-    """Names of what a runtime or its control groups still have of a run with this in its mark, or of any."""
+    """Names of containers and control groups that are left of a run, or of any."""
     names = [path.name for path in Path("/sys/fs/cgroup").glob("*/vastflow-*")]
     if runtime in ("docker", "podman"):
         names += _said(runtime, "ps", "--all", "--filter", "label=vastflow", "--format", "{{.Names}}").split()

@@ -2,20 +2,17 @@
 
 import subprocess
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Final
 
+from vastflow.sim.model.container import Mount, container_of
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.scenario import ProcessSetup
-from vastflow.sim.scenario.programs.cgroup import Cgroup
 from vastflow.sim.scenario.programs.folders import CONFIG, OUT, RunFolders
 from vastflow.sim.scenario.programs.guard import VARIABLE
-from vastflow.sim.scenario.programs.process import ProcessGroup, ProcessLog
-
-if TYPE_CHECKING:
-    from vastflow.sim.scenario.programs.run import ProcessRun
+from vastflow.sim.scenario.programs.runtimes import Started, chosen
 
 MAIN: Final = "main"
 """The container in which the scenario's programs are started, each in one of its own."""
@@ -25,117 +22,24 @@ PATH: Final = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 _POLL_S: Final = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class Mount:
-    """A folder or file of this machine, as a container sees it."""
-
-    source: str
-    target: str
-    writable: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Container:
-    """A container of a campaign's runs, see `execution.containers`.
-
-    Attributes:
-        image: Image of Docker or Podman; empty where there is a `rootfs`.
-        rootfs: Root folder on this machine, which it may only read.
-        command: Program and arguments; empty for the image's own.
-        cpu: Cores that it may use, at most; None for all.
-        memory: Its greatest memory (bytes); None for all.
-        processes: Greatest number of its processes and threads; None for any.
-        network: `none`, or `run` for a loopback that containers of the run share.
-        after: Containers that have to be healthy before.
-        health: `log` (a text that it prints), `port` (TCP, listened on), or `command` (exits with 0), and its value; may be empty.
-        within_s: Host time until it has to be healthy.
-    """
-
-    image: str = ""
-    rootfs: str = ""
-    command: tuple[str, ...] = ()
-    environment: Mapping[str, str] = field(default_factory=dict)
-    mounts: tuple[Mount, ...] = ()
-    cpu: float | None = None
-    memory: int | None = None
-    processes: int | None = None
-    network: Literal["none", "run"] = "run"
-    after: tuple[str, ...] = ()
-    health: Mapping[str, Any] = field(default_factory=dict)
-    within_s: float = 30.0
-
-
-def container_of(content: Mapping[str, Any]) -> Container:
-    """Return the container that a `ProcessSetup` describes by `content`."""
-    lists = {name: tuple(content[name]) for name in ("command", "after") if name in content}
-    return Container(**{**content, **lists, "mounts": tuple(Mount(**each) for each in content.get("mounts", ()))})
-
-
-@dataclass
-class Started:
-    """A container of a run.
-
-    Attributes:
-        id: Its name at the runtime, unique on this machine.
-        container: What it is, with the variables, mounts, and the command of this start.
-        folder: Folder of its own for the runtime's files.
-        neighbor: A living one whose network it shares.
-        client: Command that runs it in the foreground.
-        group: Process group of `client`.
-        cgroup: Its control group; None where it has none.
-    """
-
-    name: str
-    id: str
-    container: Container
-    folder: Path
-    neighbor: "Started | None"
-    client: Sequence[str] = ()
-    group: ProcessGroup | None = None
-    cgroup: Cgroup | None = None
-    began_s: float = field(default_factory=time.monotonic)
-    is_examined: bool = False
-
-    @property
-    def lives(self) -> bool:
-        return self.group is not None and self.group.failure is None
-
-    @property
-    def failure(self) -> str | None:
-        return self.group.failure if self.group else None
-
-    @property
-    def log(self) -> ProcessLog:
-        """What it printed, which is whole if it has ended."""
-        assert self.group is not None  # it has been started
-        if not self.lives:
-            self.group.log.complete.wait(0.2)
-        return self.group.log
-
-    def pids(self) -> set[int]:
-        """Return the ids of its processes on this machine, and its client's."""
-        return {*(self.cgroup.pids() if self.cgroup else ()), *([self.group.pid] if self.group and self.lives else ())}
-
-
 class RunContainers:
     """The containers of one run."""
 
-    def __init__(self, run: "ProcessRun", setup: ProcessSetup) -> None:
-        """Choose the runtime; nothing is started yet.
+    def __init__(self, folders: RunFolders, setup: ProcessSetup, at_end: Callable[[Sequence[str]], None]) -> None:
+        """Choose the runtime; nothing is started yet. `at_end` has a command executed after the run.
 
         Raises:
             ScenarioError: none works here.
         """
-        from vastflow.sim.scenario.programs.runtimes import chosen  # it imports this module
-
         self.containers = {name: container_of(content) for name, content in setup.containers.items()}
-        self._run = run
+        self._folders = folders
         self._environment = setup.environment
+        self._at_end = at_end
         self._started: list[Started] = []
         self._runtime = chosen(setup.container_runtime, [*self.containers.values()])
-        for folder in (run.folders.out.parent / "channel", run.folders.out.parent / "shm"):
-            folder.mkdir()
-        (run.folders.out.parent / "shm").chmod(0o1777)
+        for name in ("channel", "shm"):
+            (folders.out.parent / name).mkdir()
+        (folders.out.parent / "shm").chmod(0o1777)
 
     @property
     def has_main(self) -> bool:
@@ -146,8 +50,8 @@ class RunContainers:
         names = dict.fromkeys(started.name for started in self._started)
         return f"containers run by {self._runtime.name}: {', '.join(names)}" if names else ""
 
-    def begin(self) -> None:
-        """Start those with a command, or an image's own, in order, and wait until they are healthy.
+    def begin(self, start: Callable[[Sequence[str], str], object]) -> None:
+        """Have those with a command, or an image's own, started in order by `start`, and wait until they are healthy.
 
         Raises:
             ScenarioError: one can't be started, ends before it is healthy, or is not in time.
@@ -159,7 +63,7 @@ class RunContainers:
         while waiting or begun:
             ready = [name for name in waiting if not ({*self.containers[name].after} & {*waiting, *begun})]
             for name in ready:
-                self._run.start(self.containers[name].command, name, container=name)
+                start(self.containers[name].command, name)
                 begun[name] = self._started[-1]
                 waiting.remove(name)
             for name in [name for name, started in begun.items() if self._is_healthy(started)]:
@@ -167,7 +71,7 @@ class RunContainers:
             if begun and not ready:
                 time.sleep(_POLL_S)
 
-    def launched(self, name: str, command: Sequence[str], mark: str) -> Started | None:
+    def launched(self, name: str, command: Sequence[str], mark: str, of_main: Mapping[str, str]) -> Started | None:
         """Prepare a container for `command`, whose `client` is then to be started; None if there is none of this name.
 
         Raises:
@@ -175,9 +79,9 @@ class RunContainers:
         """
         if (given := self.containers.get(name)) is None:
             return None
-        folders = self._run.folders
+        folders = self._folders
         base = {} if given.image else {"PATH": PATH, "HOME": "/tmp"}  # in the container
-        shared = self._run.environment if name == MAIN else self._environment
+        shared = of_main if name == MAIN else self._environment
         environment = {**base, **shared, **given.environment, VARIABLE: mark}
         mounts = (*mounts_of(folders), *(_placed(mount, folders) for mount in given.mounts))
         number = len(self._started)
@@ -191,7 +95,7 @@ class RunContainers:
             next(in_network, None) if given.network == "run" else None,
         )
         self._started.append(started)
-        self._run.at_end(self._runtime.removal(started))
+        self._at_end(self._runtime.removal(started))
         self._runtime.prepare(started)
         return started
 

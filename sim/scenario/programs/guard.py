@@ -1,4 +1,4 @@
-"""The guard of a run: it kills the run's processes, found by a mark in their environment, and removes its containers.
+"""The guard of a run: it kills processes, found by a mark in their environment, and removes containers.
 
 Run as a script, `guard.py MARK FOLDER` waits until its standard input is closed, kills what bears the mark, executes the
 commands that it read, one a line as a list in JSON, and removes the folder. The kernel closes the pipe however the program that holds it ends, SIGKILL too. It imports nothing but the

@@ -10,7 +10,7 @@ import psutil
 from vastflow.sim.model.recording import Use
 
 if TYPE_CHECKING:
-    from vastflow.sim.scenario.programs.containers import Started
+    from vastflow.sim.scenario.programs.runtimes import Started
 
 SAMPLED_S: Final = 1.0
 

@@ -127,7 +127,7 @@ class ProcessRun:
         if self._setup.containers:
             from vastflow.sim.scenario.programs.containers import RunContainers  # seldom needed
 
-            self._containers = RunContainers(self, self._setup)
+            self._containers = RunContainers(folders, self._setup, self.at_end)
             if self._containers.has_main:  # where none of this machine's variables are
                 self.environment = {**self._setup.environment}
         self._named = not self._in_main and (self._named or folders.named_in_files())
@@ -138,7 +138,7 @@ class ProcessRun:
             self.environment = self._sourced((folders.out if self._in_main else folders.logs) / ".environment")
             self._news.clear()
         if self._containers is not None:
-            self._containers.begin()
+            self._containers.begin(lambda command, name: self.start(command, name, container=name))
 
     def start(self, command: Sequence[str], label: str = "", *, container: str = "main") -> ProcessGroup:
         """Start `command` in the run's folder, in a container if there is this one; ScenarioError if it can't be."""
@@ -146,7 +146,7 @@ class ProcessRun:
             self._guard = _guarding(self._mark, self.folders.out.parent)
         number = len(self._groups)
         mark, environment = f"{self._mark}{number}.", self.environment
-        started = self._containers.launched(container, command, mark) if self._containers else None
+        started = self._containers.launched(container, command, mark, environment) if self._containers else None
         if started is not None:
             environment = {**os.environ}
         named = started is None and (self._named or named_in(command))

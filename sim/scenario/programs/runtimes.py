@@ -7,17 +7,20 @@ import re
 import shlex
 import shutil
 import subprocess
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
 import psutil
 
+from vastflow.sim.model.container import Container
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.scenario.programs.cgroup import Cgroup
-from vastflow.sim.scenario.programs.containers import Container, Started
 from vastflow.sim.scenario.programs.folders import BUBBLEWRAP, OUT
+from vastflow.sim.scenario.programs.process import ProcessGroup, ProcessLog
 
 TIMEOUT_S: Final = 60.0
 """Host time that a runtime has for an answer."""
@@ -44,6 +47,52 @@ for each in /sys/fs/cgroup/"$0" /sys/fs/cgroup/*/"$0"; do
 done
 """
 _IN_CGROUP: Final = 'while [ "$1" != -- ]; do echo 0 >"$1/cgroup.procs" || exit; shift; done; shift; exec "$@"'
+
+
+@dataclass
+class Started:
+    """A container of a run.
+
+    Attributes:
+        id: Its name at the runtime, unique on this machine.
+        container: What it is, with the variables, mounts, and the command of this start.
+        folder: Folder of its own for the runtime's files.
+        neighbor: A living one whose network it shares.
+        client: Command that runs it in the foreground.
+        group: Process group of `client`.
+        cgroup: Its control group; None where it has none.
+    """
+
+    name: str
+    id: str
+    container: Container
+    folder: Path
+    neighbor: "Started | None"
+    client: Sequence[str] = ()
+    group: ProcessGroup | None = None
+    cgroup: Cgroup | None = None
+    began_s: float = field(default_factory=time.monotonic)
+    is_examined: bool = False
+
+    @property
+    def lives(self) -> bool:
+        return self.group is not None and self.group.failure is None
+
+    @property
+    def failure(self) -> str | None:
+        return self.group.failure if self.group else None
+
+    @property
+    def log(self) -> ProcessLog:
+        """The log, which is whole if it has ended."""
+        assert self.group is not None  # it has been started
+        if not self.lives:
+            self.group.log.complete.wait(0.2)
+        return self.group.log
+
+    def pids(self) -> set[int]:
+        """Return the ids of its processes on this machine, and its client's."""
+        return {*(self.cgroup.pids() if self.cgroup else ()), *([self.group.pid] if self.group and self.lives else ())}
 
 
 class Runtime(ABC):
