@@ -21,7 +21,7 @@ from pathlib import Path
 import psutil
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-from containers import RUNTIMES, containers_left, made_root, missing
+from container_runtimes import RUNTIMES, containers_left, made_root, missing
 
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.scenario import ProcessSetup

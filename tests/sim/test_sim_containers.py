@@ -7,7 +7,7 @@ import sys
 import time
 
 import pytest
-from containers import RUNTIMES, containers_left, in_containers, made_root, missing, refused
+from container_runtimes import RUNTIMES, containers_left, in_containers, made_root, missing, refused
 from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
