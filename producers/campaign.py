@@ -37,6 +37,7 @@ from vastflow.producers.search.search import Search
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Fault, FileError, Problem
 from vastflow.sim.model.files import is_file
+from vastflow.sim.model.nodes import Nodes
 from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.system.keys import FILE_KEY, RELEASE_KEY
 from vastflow.sim.system.system import SystemFile, system_kind
@@ -90,6 +91,11 @@ class Campaign:
     document: Document = field(repr=False)
     borrowed_maps: Mapping[str, str] = field(default_factory=dict)
     search: Search | None = field(default=None, repr=False)
+
+    @property
+    def nodes(self) -> Nodes | None:
+        """The nodes that drive the robot; None where the built-in stack does."""
+        return None if self.programs is None else self.programs.nodes
 
     @property
     def missing(self) -> tuple[Fault, ...]:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, get_type_hints
+from typing import Any, Final, get_type_hints
 
 import numpy as np
 
@@ -131,18 +131,34 @@ def execute(
             raise ScenarioError("expected a simulated run, got a recorded one, which can't be executed once more")
         recording = _recorded_elsewhere(checked.recording, entropy)
         return Execution(recording, RunLog(started_s, time.perf_counter() - wall_s, time.process_time() - cpu_s, 0))
-    simulation = _simulation(checked, checked.robot, entropy) if checked.robot else None
     lines: list[str] = []
+    setup = checked.programs or ProcessSetup()
+    nodes = setup.nodes
+    if watch is not None and nodes is not None:
+        raise ScenarioError(
+            "expected a run of the built-in stack, got one that nodes drove, which can't be executed once more"
+        )
     with ExitStack() as stack:
-        setup = checked.programs or ProcessSetup()
         if needs_programs := checked.actions & PROCESSES.keys() or checked.programs:
             check_permitted("programs of the scenario", scenario.digest)
-        programs = stack.enter_context(process_run(setup, checked.handed)) if needs_programs else None
+        programs: ProcessRun | None = None
+        simulation: Simulation | None = None
+        if nodes is not None and checked.robot:
+            from vastflow.sim.nodes.driving import driven_run  # seldom needed
+
+            arguments = functools.partial(_arguments, checked, entropy=entropy)
+            start = driven_run(setup, checked.handed, nodes, checked.robot, arguments)
+            programs, simulation = stack.enter_context(start)
+        elif checked.robot:
+            simulation = Simulation(*_arguments(checked, checked.robot, entropy))
+        if needs_programs and programs is None:
+            programs = stack.enter_context(process_run(setup, checked.handed))
         tree = _tree(checked, simulation, programs, entropy, lines)
         try:
             play(tree, checked.timeout_s, simulation, programs, watch, watch_ticks)
         finally:
             tree.shutdown()
+        lines += simulation.finish() if simulation else ()
         record = programs.close() if programs else None
     ending, behaviors = _ending(tree), table(get_type_hints(StatusChange), tree.changes)
     if simulation:
@@ -179,16 +195,14 @@ def _recorded_elsewhere(file: FileContent, entropy: Sequence[int]) -> Recording:
     return replace(recording, run=run, behaviors=table(get_type_hints(StatusChange), []))
 
 
-def _simulation(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> Simulation:
+def _arguments(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> tuple[Any, ...]:
+    """Return the arguments of a simulation."""
     masks = [None if mask is None else read_grid(mask) for mask in robot.masks]
-    prepared = prepare(
-        read_world(robot.map_file, robot.difference, robot.world_file), robot.lidar, robot.parameters, *masks
-    )
-    obstacles = checked.script.obstacles
-    return Simulation(
-        *(prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, checked.timeout_s),
-        robot.movers,
-    )
+    world = read_world(robot.map_file, robot.difference, robot.world_file)
+    prepared = prepare(world, robot.lidar, robot.parameters, *masks)
+    obstacles, timeout_s = checked.script.obstacles, checked.timeout_s
+    given = prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, timeout_s
+    return *given, robot.movers
 
 
 def _tree(

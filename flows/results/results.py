@@ -158,7 +158,7 @@ def metadata_of(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, 
             "memory_bytes": psutil.virtual_memory().total,
         },
         "notes": [str(note) for note in campaign.notes],
-        "robots": robots_json(campaign.families),
+        "robots": robots_json(campaign.families, campaign.nodes),
         **({} if campaign.nav2_defaults is None else {DEFAULTS_KEY: campaign.nav2_defaults}),
     }
 

@@ -43,7 +43,7 @@ def _source(path: str) -> str:
     return path
 
 
-_Command: TypeAlias = Annotated[
+Command: TypeAlias = Annotated[
     Annotated[list[str], Field(min_length=1)], BeforeValidator(_words, json_schema_input_type=str | list[str])
 ]
 
@@ -77,7 +77,7 @@ class HealthSpec(Section):
     """A text that it prints."""
     port: Annotated[int, Field(ge=1, le=65535)] | None = None
     """A TCP port on which it listens."""
-    command: _Command | None = None
+    command: Command | None = None
     """A command that exits with 0 in it."""
     timeout: Positive = 30.0
     """Real seconds from its start."""
@@ -96,7 +96,7 @@ class ContainerSpec(Section):
     """Image that Docker or Podman has on the machine; none is downloaded."""
     rootfs: Annotated[str, AfterValidator(_absolute)] | None = None
     """Root folder on the machine in place of an image, which is read-only, such as `/`."""
-    command: _Command | None = None
+    command: Command | None = None
     """Program and arguments, a list or as a shell reads them; the image's own if not given."""
     env: Annotated[dict[str, str | int | float | bool], EmptyIsMap] = Field(default_factory=dict)
     """Variables beside those of `execution.env`."""

@@ -7,6 +7,7 @@ from typing import Final
 
 from vastflow.producers.campaign_file.containers import containers_of
 from vastflow.producers.campaign_file.document import Document
+from vastflow.producers.campaign_file.nodes import nodes_of
 from vastflow.producers.campaign_file.spec import ExecutionSpec
 from vastflow.producers.model.faults import Location
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
@@ -151,7 +152,8 @@ def programs_of(
     them counts.
     """
     given = [key for key in KEYS if getattr(execution, key)]
-    if abstract.actions.isdisjoint(PROCESSES):
+    nodes = nodes_of(execution.nodes, execution.ros2) if execution.system == "ros2" else None
+    if abstract.actions.isdisjoint(PROCESSES) and nodes is None:
         why = "the scenario starts no program"
         what = "it has no effect"
         return None, [document.note("not executed", ("execution", key), what, why) for key in given], []
@@ -181,6 +183,7 @@ def programs_of(
             execution.containers, execution.container_runtime, execution.image, execution.secondary_containers
         ),
         "" if execution.container_runtime in (None, "any") else str(execution.container_runtime),
+        nodes,
     )
     return setup, notes, faults
 

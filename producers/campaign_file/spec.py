@@ -9,6 +9,7 @@ from pydantic.json_schema import models_json_schema
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers.campaign_file.containers import Containers, Runtime
+from vastflow.producers.campaign_file.nodes import NodeSpec, Ros2Spec
 from vastflow.producers.campaign_file.search import SearchSpec
 from vastflow.producers.campaign_file.sections import (
     CARTESIAN,
@@ -60,6 +61,12 @@ def _one_env(entry: dict[str, Any]) -> dict[str, Any]:
     if name := next((name for name in entry if name in RESERVED_ENV), None):
         said = Invalid(f"{name} is set for every run", "choose another name")
         raise PydanticCustomError("reserved", "{error}", {"error": said, "at": name})
+    return entry
+
+
+def _one_node(entry: dict[str, NodeSpec]) -> dict[str, NodeSpec]:
+    if len(entry) != 1:
+        raise Invalid(Got(f"{len(entry)} nodes in one entry"), "one, as 'name: {command: ...}'")
     return entry
 
 
@@ -151,6 +158,14 @@ class ExecutionSpec(Section):
     of version 1 elsewhere."""
     env: Annotated[list[Annotated[dict[str, Any], AfterValidator(_one_env)]], EmptyIsList] = Field(default_factory=list)
     """Environment variables of the containers, and of the programs a scenario starts, `- NAME: value`."""
+    system: Literal["nav2", "ros2"] = "nav2"
+    """What drives the robot: the simulator's own stack, or nodes of ROS 2. Not part of version 1 elsewhere."""
+    nodes: Annotated[list[Annotated[dict[str, NodeSpec], AfterValidator(_one_node)]], EmptyIsList] = Field(
+        default_factory=list
+    )
+    """Processes of each run in the order of their start, `- name: {command, ready}`. Not part of version 1 elsewhere."""
+    ros2: Annotated[Ros2Spec, EmptyIsMap] = Field(default_factory=Ros2Spec)
+    """How robot and nodes meet. Not part of version 1 elsewhere."""
     run_files: Annotated[list[str], EmptyIsList] = Field(default_factory=list)
     """Files each run needs, as glob patterns; programs a scenario starts find them in their folder."""
     runs_per_job: Annotated[Count, Unexecuted("runs are shared out over this machine's cores")] = 1

@@ -6,18 +6,31 @@ from typing import Any
 from vastflow.producers.campaign_file.scenario_values import dimension_of
 from vastflow.producers.instantiation.instantiate import Family
 from vastflow.sim.model.faults import FileError
+from vastflow.sim.model.nodes import Nodes
 from vastflow.sim.system.facts import robot_words
 from vastflow.sim.system.keys import FOOTPRINT_NAMES
 from vastflow.sim.system.robot import ROBOT_KEY
 from vastflow.sim.system.system import system_of
 
 
-def robots_json(families: Sequence[Family]) -> list[dict[str, Any]]:
-    """Return each robot of a campaign, with its families, whose it is, and sources of its quantities."""
+def robots_json(families: Sequence[Family], nodes: Nodes | None = None) -> list[dict[str, Any]]:
+    """Return each robot of a campaign, with its families, whose it is, and sources of its quantities.
+
+    Args:
+        nodes: The nodes that drive it; None where the built-in stack does.
+    """
     found: dict[tuple[str, ...], list[str]] = {}
+    driven_by = (
+        ""
+        if nodes is None
+        else f"driven by nodes of ROS 2 ({nodes.words}); of Nav2's parameters only the robot's count"
+    )
     for family in families:
-        if family.drives and (lines := tuple(_lines(family))):
-            found.setdefault(lines, []).append(family.name)
+        lines = [*_lines(family)] if family.drives else []
+        if lines and driven_by:
+            lines[0] = f"{driven_by}; {lines[0]}"
+        if lines:
+            found.setdefault(tuple(lines), []).append(family.name)
     return [{"families": names, "summary": whose, "robot": lines} for (whose, *lines), names in found.items()]
 
 

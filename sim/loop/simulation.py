@@ -57,6 +57,14 @@ class Simulation(ClosedLoop):
         self.navigate(mission)
         return Order(self)
 
+    def failure(self, recoveries_before: int) -> str:
+        """Return why the mission was aborted; empty if it was not."""
+        return told(self, recoveries_before) if self.error_code else ""
+
+    def finish(self) -> Sequence[str]:
+        """End the run, and return further lines for its log."""
+        return ()
+
     def stands(self, name: str) -> bool:
         return self.standing(name) is not None
 
@@ -99,7 +107,7 @@ class Order:
         """Reason for the failure; empty without one."""
         if not self.current:
             return "another goal took its place"
-        return told(self._loop, self._recoveries_before) if self.error_code else ""
+        return self._loop.failure(self._recoveries_before)
 
     def cancel(self) -> None:
         """Cancel the mission unless another replaced it."""

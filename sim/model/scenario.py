@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
 from vastflow.sim.model.digest import FileContent, Texts, Value, canonical, digest, text_digest
+from vastflow.sim.model.nodes import Nodes, nodes_of
 from vastflow.sim.model.pose import Pose
 
 MissionKind: TypeAlias = Literal["navigate_to_pose", "navigate_through_poses", "follow_waypoints"]
@@ -41,6 +42,7 @@ class ProcessSetup:
         scenario_folder: Folder of the scenario file below `/config`; empty for `/config` itself.
         containers: Name to description, see `vastflow.sim.model.container.container_of`.
         container_runtime: Name of what runs them; empty for the first that works.
+        nodes: Nodes that drive the robot; None where the built-in stack does.
     """
 
     files: RunFiles = ()
@@ -50,13 +52,15 @@ class ProcessSetup:
     scenario_folder: str = ""
     containers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     container_runtime: str = ""
+    nodes: Nodes | None = None
 
     @property
     def content(self) -> Value:
-        """The setup as a value; campaign directories of earlier versions have no `scenario_folder` and no containers."""
+        """The setup as a value; campaign directories of earlier versions have no `scenario_folder`, containers, and nodes."""
         later = {name: getattr(self, name) for name in ("scenario_folder", "containers", "container_runtime")}
         return {
             **{name: value for name, value in later.items() if value},
+            **({} if self.nodes is None else {"nodes": self.nodes.content}),
             "files": [list(file) for file in self.files],
             "environment": self.environment,
             "pre_command": self.pre_command,
@@ -66,7 +70,14 @@ class ProcessSetup:
 
 def setup_of(content: Mapping[str, Any]) -> ProcessSetup:
     """Return the setup with this `content`."""
-    return ProcessSetup(**{**content, "files": tuple((path, file) for path, file in content["files"])})
+    nodes = content.get("nodes")
+    return ProcessSetup(
+        **{
+            **content,
+            "files": tuple((path, file) for path, file in content["files"]),
+            "nodes": None if nodes is None else nodes_of(nodes),
+        }
+    )
 
 
 Dimension: TypeAlias = Literal["environment", "task", "system"]

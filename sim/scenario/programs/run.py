@@ -91,9 +91,12 @@ class ProcessRun:
         environment: Environment variables of its programs.
     """
 
-    def __init__(self, root: Path, setup: ProcessSetup, handed: Mapping[str, FileContent]) -> None:
+    def __init__(
+        self, root: Path, setup: ProcessSetup, handed: Mapping[str, FileContent], holds: Sequence[int] = ()
+    ) -> None:
         self.folders = RunFolders.below(root)
         self.environment = {**os.environ, **setup.environment}
+        self._holds = holds
         self._setup = setup
         self._handed = handed
         self._named = named_in([setup.pre_command, setup.post_command, *setup.environment.values()])
@@ -101,6 +104,7 @@ class ProcessRun:
         self._mark = f"{os.environ.get(VARIABLE, '')}{uuid.uuid4().hex}."
         self._namespace: MountNamespace | None = None
         self._groups: list[ProcessGroup] = []
+        self._staying: set[int] = set()
         self._news = threading.Event()
         self._guard: subprocess.Popen[bytes] | None = None
         self._removals: list[Sequence[str]] = []
@@ -118,7 +122,7 @@ class ProcessRun:
         """
         folders = self.folders
         if self._setup.containers:  # to begin one takes longer
-            self._guard = _guarding(self._mark, folders.out.parent)
+            self._guard = _guarding(self._mark, folders.out.parent, self._holds)
         for folder in (folders.config, folders.out, folders.logs):
             folder.mkdir()
         for folder in (folders.config, folders.out):
@@ -130,22 +134,36 @@ class ProcessRun:
             self._containers = RunContainers(folders, self._setup, self.at_end)
             if self._containers.has_main:  # where none of this machine's variables are
                 self.environment = {**self._setup.environment}
-        self._named = not self._in_main and (self._named or folders.named_in_files())
+        self._named = not self.in_main and (self._named or folders.named_in_files())
         if self._named:
             _check_mounts()
         self._before = stamps(folders.out)
         if self._setup.pre_command:
-            self.environment = self._sourced((folders.out if self._in_main else folders.logs) / ".environment")
+            self.environment = self._sourced((folders.out if self.in_main else folders.logs) / ".environment")
             self._news.clear()
         if self._containers is not None:
-            self._containers.begin(lambda command, name: self.start(command, name, container=name))
+            stays = self._setup.nodes is not None
+            self._containers.begin(lambda command, name: self.start(command, name, container=name, stays=stays))
 
-    def start(self, command: Sequence[str], label: str = "", *, container: str = "main") -> ProcessGroup:
-        """Start `command` in the run's folder, in a container if there is this one; ScenarioError if it can't be."""
+    def start(
+        self,
+        command: Sequence[str],
+        label: str = "",
+        *,
+        container: str = "main",
+        stays: bool = False,
+        environment: Mapping[str, str] | None = None,
+    ) -> ProcessGroup:
+        """Start `command` in the run's folder, in a container if there is this one; ScenarioError if it can't be.
+
+        Args:
+            stays: Whether nothing waits for its end: simulated time goes on as if it were not there.
+            environment: Its variables in place of `environment`.
+        """
         if self._guard is None:
-            self._guard = _guarding(self._mark, self.folders.out.parent)
+            self._guard = _guarding(self._mark, self.folders.out.parent, self._holds)
         number = len(self._groups)
-        mark, environment = f"{self._mark}{number}.", self.environment
+        mark, environment = f"{self._mark}{number}.", self.environment if environment is None else environment
         started = self._containers.launched(container, command, mark, environment) if self._containers else None
         if started is not None:
             environment = {**os.environ}
@@ -164,6 +182,8 @@ class ProcessRun:
             on_end=self._news.set,
         )
         self._groups.append(group)
+        if stays:
+            self._staying.add(number)
         if started is not None:
             started.group, group.command = group, tuple(command)
         if self._sampler is None:
@@ -178,13 +198,13 @@ class ProcessRun:
             self._guard.stdin.flush()
 
     @property
-    def _in_main(self) -> bool:
+    def in_main(self) -> bool:
         return self._containers is not None and self._containers.has_main
 
     @property
     def waiting(self) -> bool:
         """True if a command is running, which needs host time."""
-        return any(group.failure is None for group in self._groups)
+        return any(group.failure is None and k not in self._staying for k, group in enumerate(self._groups))
 
     def wait(self, timeout_s: float) -> None:
         """Return once a command has ended since the last call, none runs, or `timeout_s` of host time is over.
@@ -195,6 +215,10 @@ class ProcessRun:
         if self.waiting:
             self._news.wait(timeout_s)
         self._news.clear()
+        self.check()
+
+    def check(self) -> None:
+        """Raise `ScenarioError` if a container broke the run, see `RunContainers.check`."""
         if self._containers is not None:
             self._containers.check()
 
@@ -272,7 +296,7 @@ class ProcessRun:
         script, *arguments = [given] if self.folders.path(given).is_file() else _words(given)
         if not self.folders.path(script).is_file():
             raise ScenarioError(f"pre_command: there is no file {script!r}")
-        shown = f"{OUT}/{result.name}" if self._in_main else str(result)
+        shown = f"{OUT}/{result.name}" if self.in_main else str(result)
         command = ["bash", "-c", _SOURCE, "bash", shown, self._seen(script), *arguments]
         try:
             group = self.start(command, "pre_command")
@@ -298,7 +322,7 @@ class ProcessRun:
     def _seen(self, program: str) -> str:
         """Return the whole path of a file in the run's folder, else the program's name."""
         here = self.folders.out / program
-        return (f"{OUT}/{program}" if self._in_main else str(here)) if here.is_file() else program
+        return (f"{OUT}/{program}" if self.in_main else str(here)) if here.is_file() else program
 
     def _logs(self) -> tuple[LogText, ...]:
         texts, left_bytes = [], MAX_LOGS_BYTES
@@ -329,20 +353,24 @@ def _words(command: str) -> list[str]:
 
 @contextmanager
 def process_run(
-    setup: ProcessSetup, handed: Mapping[str, FileContent] | None = None, where: Path | None = None
+    setup: ProcessSetup,
+    handed: Mapping[str, FileContent] | None = None,
+    where: Path | None = None,
+    holds: Sequence[int] = (),
 ) -> Iterator[ProcessRun]:
     """Run programs in a folder; both end with the `with`.
 
     Args:
         handed: Files that the scenario hands to programs, by key.
         where: Folder to make it in; the system's for temporary files where None.
+        holds: Descriptors that stay open until nothing of the run is left, however this process ends.
 
     Raises:
         ScenarioError: see `ProcessRun.begin`.
         OSError: the folder's disk is full at the end. Programs seldom say so, and what they wrote is no result.
     """
     root = Path(tempfile.mkdtemp(prefix="vastflow-run-", dir=where)).resolve()
-    run = ProcessRun(root, setup, handed or {})
+    run = ProcessRun(root, setup, handed or {}, holds)
     try:
         run.begin()
         yield run
@@ -358,7 +386,7 @@ def process_run(
             remove_folder(root)
 
 
-def _guarding(mark: str, folder: Path) -> "subprocess.Popen[bytes]":
+def _guarding(mark: str, folder: Path, holds: Sequence[int] = ()) -> "subprocess.Popen[bytes]":
     """Start a process that kills all with `mark` and removes `folder` after this one's end."""
     environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
     return subprocess.Popen(
@@ -367,5 +395,6 @@ def _guarding(mark: str, folder: Path) -> "subprocess.Popen[bytes]":
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         env=environment,
+        pass_fds=holds,
         start_new_session=True,
     )

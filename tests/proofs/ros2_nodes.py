@@ -1,0 +1,327 @@
+"""Do nodes of the real rclpy drive the simulated robot as they should?
+
+Makes an environment by `ros2_environment.py`, or uses the one that `--environment` names, and runs `campaigns/nodes` and nodes of
+`ros2_nodes_under_test` with it.
+
+    python tests/proofs/ros2_nodes.py [--environment FOLDER] [--only PART ...] [--runs N] [--points N] [--seed N]
+
+Parts: `example` (both configurations of the example, N runs by two workers: outcomes, and equal bytes), `observed` (what an observer that shares
+no code with the bridge hears: types, QoS, rates, stamps, frames, the tree of transforms, the map, and each scan's bytes), `actions` (Nav2's three
+actions, one that aborts), `limits` (nodes that flood a topic, die, never start, and publish no numbers), `kills` (kill -9 of the worker, the bridge, and
+nodes at random points). Exit code 1 when one is not as it should be.
+"""
+
+import argparse
+import base64
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import ros2_environment
+
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.nodes import NodeProcess
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nodes import driven
+from vastflow.sim.nodes.domain import own_domain
+from vastflow.sim.run import execute
+from vastflow.sim.scenario.programs.folders import files_matching
+
+CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "nodes" / "nodes.vast"
+UNDER_TEST = Path(__file__).parent / "ros2_nodes_under_test"
+PARTS = ("example", "observed", "actions", "limits", "kills")
+OFFERED = {
+    "/clock": ("rosgraph_msgs/msg/Clock", "BEST_EFFORT", "VOLATILE"),
+    "/scan": ("sensor_msgs/msg/LaserScan", "BEST_EFFORT", "VOLATILE"),
+    "/odom": ("nav_msgs/msg/Odometry", "RELIABLE", "VOLATILE"),
+    "/tf": ("tf2_msgs/msg/TFMessage", "RELIABLE", "VOLATILE"),
+    "/tf_static": ("tf2_msgs/msg/TFMessage", "RELIABLE", "TRANSIENT_LOCAL"),
+    "/map": ("nav_msgs/msg/OccupancyGrid", "RELIABLE", "TRANSIENT_LOCAL"),
+    "/initialpose": ("geometry_msgs/msg/PoseWithCovarianceStamped", "RELIABLE", "VOLATILE"),
+    "/goal_pose": ("geometry_msgs/msg/PoseStamped", "RELIABLE", "VOLATILE"),
+}
+"""Topic to type, reliability, and durability, as Nav2's bringup has them."""
+FLOOD = """
+import rclpy
+from geometry_msgs.msg import Twist
+from rcl_interfaces.msg import Log
+rclpy.init()
+node = rclpy.create_node("flood")
+loud = node.create_publisher(Log, "rosout", 10)
+while True:
+    loud.publish(Log(level=30, name="flood", msg="again"))
+"""
+NAN = """
+import rclpy
+from geometry_msgs.msg import Twist
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+rclpy.init()
+node = rclpy.create_node("nan")
+command = node.create_publisher(Twist, "cmd_vel", 10)
+def answer(message):
+    twist = Twist()
+    twist.linear.x = float("nan")
+    command.publish(twist)
+node.create_subscription(LaserScan, "scan", answer, qos_profile_sensor_data)
+rclpy.spin(node)
+"""
+
+DIES = """
+import rclpy
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+rclpy.init()
+node = rclpy.create_node("dies")
+scans = []
+def count(message):
+    scans.append(message)
+    if len(scans) > 20:
+        raise SystemExit("no wheels")
+node.create_subscription(LaserScan, "scan", count, qos_profile_sensor_data)
+rclpy.spin(node)
+"""
+
+
+class Proof:
+    def __init__(self, python: Path) -> None:
+        self.python, self.wrong = str(python), 0
+        campaign = load_campaign(CAMPAIGN)
+        self.scenarios = {each.name: each.scenario for each in instantiate(campaign).configurations}
+
+    def check(self, is_right: bool, said: str) -> None:
+        self.wrong += not is_right
+        print(f"{'ok' if is_right else 'WRONG'}: {said}", flush=True)
+
+    def scenario(self, name: str, processes: list[NodeProcess] | None = None, **changes: Any) -> Scenario:
+        """Return a configuration of the example with the environment's Python, and perhaps other nodes."""
+        found = self.scenarios[name]
+        assert found.programs is not None and found.programs.nodes is not None
+        own = found.programs.nodes.processes if processes is None else processes
+        own = tuple(replace(each, command=(self.python, *each.command[1:])) for each in own)
+        nodes = replace(found.programs.nodes, processes=own, python=self.python, **changes)
+        files = (*found.programs.files, *files_matching(UNDER_TEST, ["*.py"]))
+        return replace(found, programs=replace(found.programs, nodes=nodes, files=files))
+
+    def example(self, runs: int) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            text = CAMPAIGN.read_text().replace("ros2:\n", f"ros2:\n    python: {self.python}\n", 1)
+            text = text.replace("command: python3", f"command: {self.python}")
+            shutil.copytree(CAMPAIGN.parent, Path(folder) / "nodes")
+            (Path(folder) / "nodes" / "nodes.vast").write_text(text)
+            command = [
+                sys.executable,
+                "-m",
+                "vastflow.flows.cli",
+                "run",
+                f"{folder}/nodes/nodes.vast",
+                "--workers",
+                "2",
+            ]
+            options = [
+                "--runs",
+                str(runs // 2),
+                "--results",
+                f"{folder}/results",
+                "--store",
+                f"{folder}/store",
+                "--json",
+            ]
+            before_s = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
+            ran = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+            spent_s = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) - before_s
+            self.check(
+                ran.returncode == 0,
+                f"{runs} runs, {spent_s:.0f} CPU-s, exit code {ran.returncode}{ran.stderr[-400:] * bool(ran.returncode)}",
+            )
+            for name, outcome in (("free", "succeeded"), ("blocked", "timed_out")):
+                (results,) = Path(folder, "results").iterdir()
+                from vastflow.oracles.results.executed import recordings_of
+
+                found = recordings_of(results, name).values()
+                outcomes = Counter(each.run.outcome for each in found)
+                self.check(outcomes == {outcome: runs // 2}, f"{name}: {dict(outcomes)}")
+                seeds = Counter(replace(each, run=replace(each.run, run_index=0, seed="0")).digest for each in found)
+                self.check(len(seeds) == 1, f"{name}: {max(seeds.values())} of {len(found)} runs with equal bytes")
+
+    def observed(self) -> None:
+        ranges, old = [], driven.DrivenSimulation._new_scan
+
+        def kept(simulation: driven.DrivenSimulation) -> Any:
+            scan = old(simulation)
+            if scan is not None:
+                ranges.append(scan)
+            return scan
+
+        driven.DrivenSimulation._new_scan = kept  # type: ignore[method-assign]
+        try:
+            own = self.scenarios["free"].programs.nodes.processes  # type: ignore[union-attr]
+            observer = NodeProcess("observer", ("python3", "observer.py"), ready="node", ready_at="observer")
+            execution = execute(self.scenario("free", [observer, *own]), 0)
+        finally:
+            driven.DrivenSimulation._new_scan = old  # type: ignore[method-assign]
+        self.check(execution.recording.run.outcome == "succeeded", f"observed run: {execution.recording.run.outcome}")
+        lines = [json.loads(line) for line in execution.recording.outputs.files["observed.jsonl"].splitlines()]
+        offers = {line["topic"]: (line["type"], *line["qos"]) for line in lines if line["stamp_ns"] == -1}
+        for topic, expected in OFFERED.items():
+            self.check(offers.get(topic) == expected, f"{topic}: {offers.get(topic)}")
+        heard = {
+            topic: [line for line in lines if line["topic"] == topic and line["stamp_ns"] >= 0] for topic in OFFERED
+        }
+        for topic, period_ns in (("/clock", 50_000_000), ("/odom", 50_000_000), ("/scan", 100_000_000)):
+            stamps = [line["stamp_ns"] for line in heard[topic]]
+            steps = Counter(np.diff(sorted(set(stamps))).tolist())
+            self.check(set(steps) == {period_ns}, f"{topic}: {len(stamps)} messages, steps {dict(steps)} ns")
+        said = {line["stamp_ns"]: base64.b64decode(line["ranges"]) for line in heard["/scan"]}
+        equal = sum(said.get(round(stamp_s * 1e9)) == content for stamp_s, content in ranges)
+        self.check(
+            equal == len(ranges) == len(said),
+            f"/scan: {equal} of {len(ranges)} equal to the simulator's, {len(said)} heard",
+        )
+        frames = {tuple(line["frames"]) for topic in ("/tf", "/tf_static") for line in heard[topic]}
+        self.check(
+            frames == {("map", "odom"), ("odom", "base_link"), ("base_link", "base_scan")},
+            f"transforms: {sorted(frames)}",
+        )
+        self.check({tuple(line["frames"]) for line in heard["/odom"]} == {("odom", "base_link")}, "/odom: its frames")
+        self.check(
+            len(heard["/map"]) == 1, f"/map: {len(heard['/map'])} message, latched, for an observer that came later"
+        )
+
+    def actions(self) -> None:
+        server = NodeProcess("navigator", ("python3", "actions.py"), ready="action", ready_at="/navigate_to_pose")
+        sent = {"x": 1.0, "y": 1.0, "yaw": 0.0}
+        stops = [{"x": 2.0, "y": 1.0, "yaw": 0.0}, {"x": 3.0, "y": 1.0, "yaw": 0.0}]
+        for kind, goal, outcome, reason in (
+            ("navigate_to_pose", {"goal_pose": stops[1]}, "succeeded", ""),
+            ("navigate_through_poses", {"goal_poses": stops}, "succeeded", ""),
+            ("follow_waypoints", {"goal_poses": stops}, "succeeded", ""),
+            ("navigate_to_pose", {"goal_pose": {"x": 9.0, "y": 1.0, "yaw": 0.0}}, "aborted", "too far for me"),
+        ):
+            base = self.scenario("free", [server], mission="action", localization="ideal")
+            task = {"start_pose": sent, **goal}
+            found = replace(base, abstract=f"builtin:{kind}", task=task)
+            run = execute(found, 0).recording.run
+            self.check(run.outcome == outcome and reason in run.reason, f"{kind}: {run.outcome} {run.reason[:80]}")
+
+    def limits(self) -> None:
+        own = list(self.scenarios["free"].programs.nodes.processes)  # type: ignore[union-attr]
+        flood = NodeProcess("flood", ("python3", "-c", FLOOD))
+        run = execute(self.scenario("free", [*own, flood]), 0)
+        self.check(
+            run.recording.run.outcome == "succeeded",
+            f"a flood of /rosout: {run.recording.run.outcome}, {run.log.lines[-1][:60]}",
+        )
+        run = execute(
+            self.scenario("free", [NodeProcess("nan", ("python3", "-c", NAN), ready="topic", ready_at="/cmd_vel")]), 0
+        )
+        self.check(
+            "expected numbers, got [nan" in run.recording.run.reason, f"no numbers: {run.recording.run.reason[:80]}"
+        )
+        dies = NodeProcess("dies", ("python3", "-c", DIES))
+        run = execute(self.scenario("blocked", [*own, dies]), 0)
+        self.check(
+            "node 'dies' exited with code 1: no wheels" in run.recording.run.reason,
+            f"dies: {run.recording.run.reason[:80]}",
+        )
+        for process, why in (
+            (
+                NodeProcess(
+                    "silent",
+                    ("python3", "-c", "import time; time.sleep(99)"),
+                    ready="topic",
+                    ready_at="/cmd_vel",
+                    ready_within_s=2.0,
+                ),
+                "no topic",
+            ),
+            (
+                NodeProcess("absent", ("python3", "no-such.py"), ready="topic", ready_at="/cmd_vel"),
+                "exited with code 2",
+            ),
+        ):
+            try:
+                execute(self.scenario("free", [process]), 0)
+                self.check(False, f"{process.name}: expected a fault")
+            except ScenarioError as error:
+                self.check(why in str(error), str(error)[:100])
+
+    def kills(self, points: int, seed: int) -> None:
+        rng, before = random.Random(seed), set(self._ours())
+        for point in range(points):
+            whom = rng.choice(["worker", "bridge", "follower.py", "stopper.py"])
+            worker = subprocess.Popen(
+                [sys.executable, __file__, "--environment", str(Path(self.python).parents[1]), "--only", "one"],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            time.sleep(rng.uniform(1.0, 12.0))
+            pids = [worker.pid] if whom == "worker" else [pid for pid, text in self._ours().items() if whom in text]
+            for pid in pids:
+                try:
+                    os.kill(pid, signal.SIGKILL)
+                except ProcessLookupError:
+                    pids = []
+            worker.wait(120)
+            until_s = time.monotonic() + 20.0
+            while (left := self._left(before)) and time.monotonic() < until_s:
+                time.sleep(0.1)
+            self.check(not left, f"point {point}: {whom} {'killed' if pids else 'had ended'}: left {left or 'nothing'}")
+
+    def _left(self, before: set[int]) -> list[str]:
+        """Return what runs left: processes, folders, and domains."""
+        with own_domain() as (number, _):
+            domains = [f"domain {each}" for each in range(1, number)]
+        folders = [str(each) for each in Path(tempfile.gettempdir()).glob("vastflow-run-*")]
+        return [*domains, *folders, *(text for pid, text in self._ours().items() if pid not in before)]
+
+    def _ours(self) -> dict[int, str]:
+        """Process to command line of all that use the environment's Python."""
+        found = {}
+        for each in psutil.process_iter(["cmdline"]):
+            text = " ".join(each.info["cmdline"] or ())
+            if self.python in text and "ros2_nodes.py" not in text:
+                found[each.pid] = text
+        return found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--environment", type=Path)
+    parser.add_argument("--only", nargs="+", default=PARTS, choices=[*PARTS, "one"])
+    parser.add_argument("--runs", type=int, default=40)
+    parser.add_argument("--points", type=int, default=30)
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        environment = ros2_environment.Environment((asked.environment or Path(folder) / "environment").resolve())
+        environment.make()
+        proof = Proof(environment.python)
+        if "one" in asked.only:
+            execute(proof.scenario("blocked"), 0)
+            return 0
+        for part in asked.only:
+            print(f"== {part}")
+            arguments = {"example": [asked.runs], "kills": [asked.points, asked.seed]}.get(part, [])
+            getattr(proof, part)(*arguments)
+    print(f"{proof.wrong} wrong")
+    return int(proof.wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,231 @@
+"""Runs that nodes of ROS 2 drive: time, commands, missions, faults, failures, and domains, by a stand-in for the bridge."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from recorded import happened
+from table import each_row
+
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.nodes import NodeProcess, Nodes, nodes_of
+from vastflow.sim.model.scenario import ProcessSetup, setup_of
+from vastflow.sim.nodes import domain
+from vastflow.sim.nodes.domain import own_domain
+from vastflow.sim.run import execute
+
+BRIDGE = str(Path(__file__).parents[1] / "support" / "false_bridge.py")
+AHEAD = {"x": 2.5, "y": 1.0}
+
+pytestmark = pytest.mark.timeout(300)
+
+
+@pytest.fixture
+def driven(scenario):
+    """Executes a run along x, 1.5 m to the goal, by nodes that behave as the test says."""
+
+    def run(behavior="", timeout_s=20.0, goal=AHEAD, processes=(), **nodes):
+        given = {"mission": "topic", "python": BRIDGE, "answer_within_s": 5.0, **nodes}
+        setup = ProcessSetup(environment={"BEHAVIOR": behavior}, nodes=Nodes(tuple(processes), **given))
+        found = scenario(goal_pose=goal, timeout_s=timeout_s, start_pose={"x": 1.0, "y": 1.0})
+        return execute(replace(found, programs=setup), 0)
+
+    return run
+
+
+def heard(execution):
+    """The messages of each tick that the bridge got."""
+    return [json.loads(line) for line in execution.recording.outputs.files["heard.jsonl"].splitlines()]
+
+
+def test_robot_goes_by_the_commands_of_nodes_to_its_goal(driven):
+    execution = driven()
+    run, columns = execution.recording.run, execution.recording.columns
+    assert (run.outcome, run.reason, run.recoveries) == ("succeeded", "", 2)
+    assert [event.what for event in happened(execution.recording, "goal_reached")] == ["0"]
+    assert run.distance_m == pytest.approx(1.42, abs=0.05)
+    assert set(columns["command_speed_mmps"][1:].tolist()) == {0, 300}
+    assert columns["localized"].sum() == 1
+    assert "health: lock step by /cmd_vel" in execution.log.lines[-2]
+    assert execution.log.lines[-2].endswith("1 control loops missed by the nodes' own words")
+    assert "WARN controller_server: Control loop missed" in execution.log.lines[-1]
+
+
+def test_command_counts_from_the_tick_after_the_scan_that_it_answers(driven):
+    told = heard(driven())
+    moved = next(each for each in told if each["odom"][3] > 0.0)
+    first = next(each for each in told if each["bytes"])
+    assert (first["t_ns"], first["scan_ns"]) == (50_000_000, 0)
+    assert moved["t_ns"] - first["t_ns"] == 50_000_000
+
+
+def test_nodes_get_the_scans_odometry_and_map_of_the_simulated_robot(driven):
+    execution = driven()
+    setup = json.loads(execution.recording.outputs.files["setup.json"])
+    assert setup["map"] == {"resolution": 0.05, "width": 168, "height": 108, "origin": [0.0, 0.0, 0.0]}
+    assert setup["cells"] == 168 * 108
+    told = heard(execution)
+    assert [each["t_ns"] for each in told if each.get("mission") is None] == [
+        k * 50_000_000 for k in range(1, len(told))
+    ]
+    ages = {each["t_ns"] - each["scan_ns"] for each in told if each["bytes"]}
+    assert ages == {50_000_000}
+    assert told[-1]["odom"][0] == pytest.approx(execution.recording.run.distance_m, abs=0.02)
+
+
+def test_equal_answers_give_equal_bytes(driven):
+    assert driven().recording.digest == driven().recording.digest
+
+
+def test_scan_without_an_answer_breaks_the_run(driven):
+    with pytest.raises(
+        ScenarioError, match=r"/cmd_vel did not answer the scan of 0\.\d\d s within 5 s of the host's time"
+    ):
+        driven("silent")
+
+
+@each_row(
+    ("behavior", "why"),
+    [
+        ("problem", "ROS 2: tf2_msgs is missing"),
+        ("garbage", "wrote something that is no message of its own"),
+        ("dies", "the bridge to ROS 2 exited with code 1: no memory left"),
+    ],
+)
+def test_bridge_that_fails_breaks_the_run(driven, behavior, why):
+    with pytest.raises(ScenarioError, match=why):
+        driven(behavior)
+
+
+def test_command_that_is_no_number_fails_the_run(driven):
+    run = driven("nan").recording.run
+    assert (run.outcome, run.error_code) == ("failed", 0)
+    assert "/cmd_vel: expected numbers, got [0.3, 0.0, nan] at" in run.reason
+
+
+def test_node_that_ends_in_mid_run_fails_the_run(driven):
+    text = "import time; print('ready', flush=True); time.sleep(1); raise SystemExit('wheels fell off')"
+    process = NodeProcess("planner", (sys.executable, "-c", text), ready="log", ready_at="ready")
+    run = driven("slow", processes=[process], goal={"x": 3.9, "y": 1.0}).recording.run
+    assert run.outcome == "failed"
+    assert "node 'planner' exited with code 1: wheels fell off" in run.reason
+
+
+@each_row(
+    ("behavior", "outcome", "code", "reason"),
+    [("succeeded", "succeeded", 0, ""), ("aborted", "aborted", 105, "the mission was aborted")],
+)
+def test_mission_ends_as_its_action_says(driven, behavior, outcome, code, reason):
+    run = driven(behavior, mission="action").recording.run
+    assert (run.outcome, run.error_code, run.reason.partition(";")[0]) == (outcome, code, reason)
+
+
+def test_estimate_is_what_nodes_say_or_the_truth_where_it_is_ideal(driven):
+    said = driven().recording.columns
+    assert set(said["estimated_x_mm"][1:].tolist()) == {1000}  # AMCL's pose, which the stand-in leaves at the start
+    ideal = driven(localization="ideal").recording.columns
+    assert np.abs(ideal["estimated_x_mm"] - ideal["x_mm"]).max() <= 16  # of the tick before
+
+
+def test_recorded_messages_are_outputs_of_the_run(driven):
+    outputs = driven().recording.outputs
+    assert outputs.files["ros2/messages.cdr"] == b"path"
+    table = outputs.tables["ros2/messages"]
+    assert [list(column) for column in table.values()][1:] == [["/plan"], ["nav_msgs/msg/Path"], [4]]
+
+
+def test_paced_run_that_the_host_made_late_is_broken(driven):
+    with pytest.raises(
+        ScenarioError, match=r"the host was late in .* Use fewer workers, or a lower real_time_factor\."
+    ):
+        driven("slow", time="paced", timeout_s=3.0, goal={"x": 3.9, "y": 1.0})
+
+
+def test_paced_run_takes_the_time_of_its_clock(driven):
+    began_s = time.monotonic()
+    execution = driven(time="paced", real_time_factor=2.0, most_late=1.0, timeout_s=2.0, goal={"x": 3.9, "y": 1.0})
+    assert time.monotonic() - began_s >= 1.0
+    assert (execution.recording.run.outcome, execution.recording.run.simulated_s) == ("timed_out", 2.0)
+    assert "health: paced at 2: " in execution.log.lines[-2]
+
+
+@each_row(
+    ("ready", "at", "why"),
+    [
+        ("log", "here I am", "node 'late': no log 'here I am' within 0.5 s of its start"),
+        ("port", "1", "node 'late': no port '1' within 0.5 s of its start"),
+        ("topic", "/odometry", "node 'late': no topic '/odometry' within 0.5 s of its start"),
+    ],
+)
+def test_node_that_never_gets_ready_breaks_the_run(driven, ready, at, why):
+    sleeps = (sys.executable, "-c", "import time; time.sleep(60)")
+    with pytest.raises(ScenarioError, match=why):
+        driven(processes=[NodeProcess("late", sleeps, ready=ready, ready_at=at, ready_within_s=0.5)])
+
+
+def test_node_that_can_not_be_started_breaks_the_run(driven):
+    with pytest.raises(ScenarioError, match="'no-such-program' could not be started: no program of this name in PATH"):
+        driven(processes=[NodeProcess("absent", ("no-such-program",))])
+
+
+def test_domain_is_one_runs_own_until_it_ends(monkeypatch):
+    monkeypatch.setattr(domain, "DOMAINS", range(90, 92))
+    with own_domain() as (first, _), own_domain() as (second, _):
+        assert {first, second} == {90, 91}
+        with pytest.raises(ScenarioError, match="all 2 domains of ROS 2 on this machine are taken"), own_domain():
+            pass
+    with own_domain() as (third, _):
+        assert third == first
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from vastflow.sim.model.nodes import NodeProcess, Nodes
+from vastflow.sim.model.scenario import ProcessSetup
+from vastflow.sim.nodes.domain import own_domain
+from vastflow.sim.nodes.starting import started
+from vastflow.sim.scenario.programs.run import process_run
+from vastflow.sim.world.robot_model import Lidar
+
+sleeps = NodeProcess("sleeps", (sys.executable, "-c", "import time; time.sleep(600)"))
+nodes = Nodes((sleeps,), python=sys.argv[1])
+with own_domain() as (number, held), process_run(ProcessSetup(nodes=nodes), holds=[held]) as programs:
+    with started(programs, nodes, number, Lidar(), None) as ready:
+        print(number, programs.folders.out.parent, *(group.pid for group in ready.groups.values()), flush=True)
+        sys.stdin.read()
+"""
+
+
+def test_killed_worker_leaves_no_process_folder_or_domain():
+    worker = subprocess.Popen(
+        [sys.executable, "-c", KILLED, BRIDGE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert worker.stdout is not None
+    number, folder, *pids = worker.stdout.readline().split()
+    assert len(pids) == 2
+    os.kill(worker.pid, signal.SIGKILL)
+    worker.communicate()
+    until_s = time.monotonic() + 20.0
+    while (Path(folder).exists() or any(map(psutil.pid_exists, map(int, pids)))) and time.monotonic() < until_s:
+        time.sleep(0.05)
+    assert [pid for pid in map(int, pids) if psutil.pid_exists(pid)] == []
+    assert not Path(folder).exists()
+    time.sleep(0.2)
+    with own_domain() as (again, _):
+        assert again <= int(number)
+
+
+def test_setup_with_nodes_is_read_back_from_its_content():
+    nodes = Nodes((NodeProcess("a", ("b", "c"), {"d": "e"}, "port", "1", 2.0),), record=("/plan",), time="paced")
+    setup = ProcessSetup(nodes=nodes)
+    assert setup_of(json.loads(json.dumps(setup.content))) == setup
+    assert nodes_of(json.loads(json.dumps(nodes.content))) == nodes
