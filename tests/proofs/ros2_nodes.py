@@ -7,7 +7,8 @@ Makes an environment by `ros2_environment.py`, or uses the one that `--environme
 
 Parts: `example` (both configurations of the example, N runs by two workers: outcomes, and equal bytes), `observed` (what an observer that shares
 no code with the bridge hears: types, QoS, rates, stamps, frames, the tree of transforms, the map, and each scan's bytes), `actions` (Nav2's three
-actions, one that aborts), `limits` (nodes that flood a topic, die, never start, and publish no numbers), `kills` (kill -9 of the worker, the bridge, and
+actions, one that aborts), `limits` (nodes that flood a topic, die, never start, and publish no numbers), `containers` (the
+example in containers by bubblewrap and runc, which needs an environment outside of /tmp: equal bytes to those without), `kills` (kill -9 of the worker, the bridge, and
 nodes at random points). Exit code 1 when one is not as it should be.
 """
 
@@ -44,7 +45,7 @@ from vastflow.sim.scenario.programs.folders import files_matching
 
 CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "nodes" / "nodes.vast"
 UNDER_TEST = Path(__file__).parent / "ros2_nodes_under_test"
-PARTS = ("example", "observed", "actions", "limits", "kills")
+PARTS = ("example", "observed", "actions", "limits", "containers", "kills")
 OFFERED = {
     "/clock": ("rosgraph_msgs/msg/Clock", "BEST_EFFORT", "VOLATILE"),
     "/scan": ("sensor_msgs/msg/LaserScan", "BEST_EFFORT", "VOLATILE"),
@@ -260,6 +261,18 @@ class Proof:
                 self.check(False, f"{process.name}: expected a fault")
             except ScenarioError as error:
                 self.check(why in str(error), str(error)[:100])
+
+    def containers(self) -> None:
+        plain = execute(self.scenario("free"), 0).recording.digest
+        for runtime in ("bubblewrap", "runc"):
+            found = self.scenario("free")
+            assert found.programs is not None
+            programs = replace(found.programs, containers={"main": {"rootfs": "/"}}, container_runtime=runtime)
+            execution = execute(replace(found, programs=programs), 0)
+            is_equal = execution.recording.digest == plain
+            self.check(
+                is_equal, f"{runtime}: equal bytes {is_equal}, {execution.log.cpu_s:.1f} CPU-s, {execution.log.notes}"
+            )
 
     def kills(self, points: int, seed: int) -> None:
         rng, before = random.Random(seed), set(self._ours())
