@@ -1,15 +1,16 @@
 """The start of a run's nodes: the bridge, and processes in order, each when the one before is ready."""
 
 import contextlib
-import shutil
 import socket
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.files import copy_file
 from vastflow.sim.model.nodes import NodeProcess, Nodes
 from vastflow.sim.nodes import bridge
 from vastflow.sim.nodes.channel import Channel
@@ -74,7 +75,7 @@ def started(
     programs.environment.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     folder = programs.folders.out.parent / "channel"
     folder.mkdir(exist_ok=True)
-    shutil.copyfile(bridge.__file__, folder / "bridge.py")
+    copy_file(Path(bridge.__file__), folder / "bridge.py")
     seen = CHANNEL if programs.in_main else str(folder)
     command = [nodes.python, f"{seen}/bridge.py", f"{seen}/bridge.sock"]
     groups: dict[str, ProcessGroup] = {}
