@@ -1,21 +1,20 @@
 """The bridge: a node of ROS 2 between the simulated robot and the nodes under test.
 
-Executed as a file by the Python of a ROS 2 installation, `bridge.py SOCKET`, on this machine or in a container: it imports the standard library
-and rclpy alone. It connects to a UNIX socket, on which each message is its length (4 bytes, big-endian), a JSON object, and as many raw bytes as
+Executed as a file by the Python of a ROS 2 installation, `bridge.py SOCKET`, on this machine or in a container: it imports the standard library,
+rclpy, and the file beside it. It connects to a UNIX socket, on which each message is its length (4 bytes, big-endian), a JSON object, and as many raw bytes as
 the object's `bytes` says. It gets the setup, then a message for each tick of the simulation, and answers each: it publishes, lets nodes
 answer, and tells what they published.
 """
 
 import array
-import importlib
-import json
 import math
 import socket
-import struct
 import sys
 import time
 from collections.abc import Callable
 from typing import Any
+
+from bridge_messages import Problem, imported, is_there, place, receive, send, yaw_of
 
 MOST_CALLBACKS = 2000
 """Callbacks in a tick of the simulation, so that a topic that is flooded holds nobody up."""
@@ -23,57 +22,6 @@ MOST_RECORDED_BYTES = 16 << 20
 """Bytes that are recorded in a tick."""
 QUIET_S = 0.5
 """Time without a change of the graph after which nodes have found each other."""
-
-
-class Problem(Exception):
-    """A problem that a user has to mend, in one sentence."""
-
-
-def receive(connection: socket.socket) -> tuple[dict[str, Any], bytes]:
-    """Return the next message and its bytes; EOFError at the end."""
-
-    def exactly(size: int) -> bytes:
-        parts = bytearray()
-        while len(parts) < size:
-            part = connection.recv(min(size - len(parts), 1 << 20))
-            if not part:
-                raise EOFError
-            parts += part
-        return bytes(parts)
-
-    message = json.loads(exactly(struct.unpack(">I", exactly(4))[0]))
-    return message, exactly(message.get("bytes", 0))
-
-
-def send(connection: socket.socket, message: dict[str, Any], content: bytes = b"") -> None:
-    text = json.dumps({**message, "bytes": len(content)}).encode()
-    connection.sendall(struct.pack(">I", len(text)) + text + content)
-
-
-def imported(kind: str) -> Any:
-    """Return the class of a type such as `nav_msgs/msg/Path`; raises `Problem` without its package."""
-    package, part, name = kind.split("/")
-    try:
-        return getattr(importlib.import_module(f"{package}.{part}"), name)
-    except (ImportError, AttributeError) as error:
-        raise Problem(f"{kind} is missing in this installation of ROS 2 ({error})") from None
-
-
-def is_there(kind: str) -> bool:
-    try:
-        return bool(imported(kind))
-    except Problem:
-        return False
-
-
-def yaw_of(turn: Any) -> float:
-    return math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z))
-
-
-def place(pose: Any, x: float, y: float, yaw: float) -> None:
-    """Write a planar pose into a message."""
-    pose.position.x, pose.position.y = x, y
-    pose.orientation.z, pose.orientation.w = math.sin(yaw / 2.0), math.cos(yaw / 2.0)
 
 
 class Bridge:
@@ -162,10 +110,8 @@ class Bridge:
 
     def _heard_tf(self, message: Any) -> None:
         for each in message.transforms:
-            if (
-                each.header.frame_id.strip("/") == self.frames["map"]
-                and each.child_frame_id.strip("/") == self.frames["odom"]
-            ):
+            frames = each.header.frame_id.strip("/"), each.child_frame_id.strip("/")
+            if frames == (self.frames["map"], self.frames["odom"]):
                 at = each.transform.translation
                 self.map_odom = [at.x, at.y, yaw_of(each.transform.rotation)]
 
@@ -180,9 +126,8 @@ class Bridge:
 
         kinds = {name: each[0] for name, each in self.node.get_topic_names_and_types()}
         for topic in self.setup["record"]:
-            offers = (
-                self.node.get_publishers_info_by_topic(topic) if topic in kinds and topic not in self._watched else []
-            )
+            is_new = topic in kinds and topic not in self._watched
+            offers = self.node.get_publishers_info_by_topic(topic) if is_new else ()
             if not offers or not is_there(kinds[topic]):
                 continue
             reliable = all(each.qos_profile.reliability == ReliabilityPolicy.RELIABLE for each in offers)
@@ -195,7 +140,8 @@ class Bridge:
 
             def heard(content: bytes, topic: str = topic, kind: str = kinds[topic]) -> None:
                 self.callbacks += 1
-                self._answered(topic)
+                if topic != self.topics["cmd_vel"]:  # which is heard as a command already
+                    self._answered(topic)
                 if self.recorded_bytes + len(content) > MOST_RECORDED_BYTES:
                     self.dropped += 1
                     return
@@ -255,9 +201,7 @@ class Bridge:
         if self.setup["mission"] == "topic":
             self.goal.publish(poses[-1])
             return
-        name = {"navigate_to_pose": "NavigateToPose", "navigate_through_poses": "NavigateThroughPoses"}.get(
-            mission["kind"], "FollowWaypoints"
-        )
+        name = "".join(map(str.title, mission["kind"].split("_")))
         kind = imported(f"nav2_msgs/action/{name}")
         client = self._client(mission["kind"], kind)
         if not self._until(client.server_is_ready, wait_s):
@@ -290,9 +234,8 @@ class Bridge:
 
     def _heard_feedback(self, message: Any) -> None:
         self.callbacks += 1
-        self.mission["recoveries"] = max(
-            self.mission["recoveries"], getattr(message.feedback, "number_of_recoveries", 0)
-        )
+        told = getattr(message.feedback, "number_of_recoveries", 0)
+        self.mission["recoveries"] = max(self.mission["recoveries"], told)
 
     def _ended(self, sent: Any, answer: Any) -> None:
         self.callbacks += 1
@@ -383,8 +326,7 @@ class Bridge:
                 return False
             self._publish_scan(message, ranges)
             sent += 1
-        if sent > 1:
-            self._until(lambda: self.answers >= before + sent, QUIET_S)
+        self._until(lambda: self.answers >= before + sent, QUIET_S)  # those to the repetitions
         return True
 
     def _publish_scan(self, message: dict[str, Any], ranges: bytes) -> None:

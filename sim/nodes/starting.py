@@ -12,7 +12,6 @@ from typing import Any, Final
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.files import copy_file
 from vastflow.sim.model.nodes import NodeProcess, Nodes
-from vastflow.sim.nodes import bridge
 from vastflow.sim.nodes.channel import Channel
 from vastflow.sim.scenario.programs.containers import CHANNEL
 from vastflow.sim.scenario.programs.process import ProcessGroup
@@ -75,7 +74,8 @@ def started(
     programs.environment.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     folder = programs.folders.out.parent / "channel"
     folder.mkdir(exist_ok=True)
-    copy_file(Path(bridge.__file__), folder / "bridge.py")
+    for name in ("bridge.py", "bridge_messages.py"):
+        copy_file(Path(__file__).with_name(name), folder / name)
     seen = CHANNEL if programs.in_main else str(folder)
     command = [nodes.python, f"{seen}/bridge.py", f"{seen}/bridge.sock"]
     groups: dict[str, ProcessGroup] = {}
