@@ -1,10 +1,12 @@
 """Pure pursuit of the straight line to the goal, once for each scan."""
 
 import math
+from contextlib import suppress
 
 import rclpy
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
@@ -68,7 +70,8 @@ class Follower(Node):
 
 def main():
     rclpy.init()
-    rclpy.spin(Follower())
+    with suppress(KeyboardInterrupt, ExternalShutdownException):  # the end of the run
+        rclpy.spin(Follower())
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
 """Stops the robot before what the scan shows in its way, and passes other commands on."""
 
 import math
+from contextlib import suppress
 
 import rclpy
 from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
@@ -48,7 +50,8 @@ class Stopper(Node):
 
 def main():
     rclpy.init()
-    rclpy.spin(Stopper())
+    with suppress(KeyboardInterrupt, ExternalShutdownException):  # the end of the run
+        rclpy.spin(Stopper())
 
 
 if __name__ == "__main__":
