@@ -132,6 +132,8 @@ def _programs(directory: Path, rows: Iterable[Mapping[str, Any]]) -> Iterator[st
     for name in ("pre_command", "post_command"):
         if execution.get(name):
             yield f"{name} {str(execution[name])[:100]!r}"
+    for name, given in (each for entry in execution.get("nodes") or () for each in entry.items()):
+        yield f"node {name!r} by {str(given.get('command'))[:100]!r}"
     for name, given in (execution.get("containers") or {}).items():
         seen = filter(os.path.isabs, (str(each.get("source")) for each in given.get("mounts") or ()))
         sees = "".join(f", which sees {place!r}" for place in seen)

@@ -147,6 +147,7 @@ def test_data_alone_asks_nothing(tmp_path, canary, state):
             "execution: {containers: {a: {rootfs: /, mounts: [{source: /root, target: /x}, {source: data, target: /y}]}}}",
             "container 'a' of '/', which sees '/root'",
         ),
+        ("execution: {nodes: [{a: {command: evil --now}}]}", "node 'a' by 'evil --now'"),
         ("results_processing: {postprocessing: [command: {script: evil}]}", "postprocessing by command"),
     ],
 )
