@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from vastflow.sim.loop.simulation import Simulation
-from vastflow.sim.model.elementary import hypot
+from vastflow.sim.model.elementary import cos_sin, hypot
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.nodes import Nodes
 from vastflow.sim.model.pose import Pose
@@ -275,7 +275,7 @@ class DrivenSimulation(Simulation):
         """Return the transform from the map to odometry with which the estimate is the true pose."""
         true, odometry = self.true_pose, self.odometry
         yaw = true.yaw_rad - odometry.yaw_rad
-        c, s = math.cos(yaw), math.sin(yaw)
+        c, s = cos_sin(yaw)
         x, y = odometry.x_m, odometry.y_m
         return [true.x_m - (c * x - s * y), true.y_m - (s * x + c * y), yaw]
 
@@ -285,7 +285,7 @@ def _numbers(pose: Pose) -> list[float]:
 
 
 def _joined(outer: Pose, inner: Pose) -> Pose:
-    c, s = math.cos(outer.yaw_rad), math.sin(outer.yaw_rad)
+    c, s = cos_sin(outer.yaw_rad)
     return Pose(
         outer.x_m + c * inner.x_m - s * inner.y_m,
         outer.y_m + s * inner.x_m + c * inner.y_m,

@@ -127,8 +127,11 @@ def test_normal_numbers_are_numpys_but_for_the_last_bit_of_its_tail(kind):
 
 
 FOLDERS = ("sim", "oracles/observation", "oracles/judgment", "oracles/catalog", "producers")
-NOT_ON_THE_PATH = ("sim/replay.py", "producers/search", "producers/floorplan/mesh.py", "conformance.py")
-"""Modules that draw a run, propose configurations, make a floor plan's solid, or test plug-ins."""
+NOT_ON_THE_PATH = (
+    *("sim/replay.py", "producers/search", "producers/floorplan/mesh.py", "conformance.py"),
+    *("sim/nodes/bridge.py", "sim/nodes/bridge_messages.py"),
+)
+"""Modules that draw a run, propose configurations, make a floor plan's solid, test plug-ins, or speak with a user's nodes."""
 OURS = {
     **{name: f"elementary.{name}" for name in ("exp", "log", "sin", "cos", "tan", "atan2", "hypot", "dist")},
     **dict.fromkeys(("asin", "acos"), "elementary.asin, acos"),
@@ -227,6 +230,7 @@ def test_function_that_depends_on_the_host_is_refused_with_the_name_of_ours(text
 
 ADD_WHOLE_NUMBERS = {
     "producers/campaign.py": "configurations",
+    "producers/campaign_file/containers.py": "keys that are given",
     "producers/catalog/obstacle.py": "obstacles",
     "producers/catalog/one_of.py": "choices",
     "producers/catalog/triggered_obstacle.py": "obstacles",
@@ -245,6 +249,7 @@ ADD_WHOLE_NUMBERS = {
     "sim/nav2/system/system.py": "findings",
     "sim/plug_ins/snapshot.py": "bytes",
     "sim/scenario/language/grammar.py": "letters",
+    "sim/scenario/programs/resources.py": "CPU time, which is in no key",
     "sim/scenario/programs/run.py": "CPU time, which is in no key",
     "sim/scenario/tree/state.py": "nodes",
     "sim/world/map_file.py": "at most one number",

@@ -1,10 +1,12 @@
 """Runs that nodes of ROS 2 drive: time, commands, missions, faults, failures, and domains, by a stand-in for the bridge."""
 
+import fcntl
 import json
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +23,7 @@ from vastflow.sim.model.scenario import ProcessSetup, setup_of
 from vastflow.sim.nodes import domain
 from vastflow.sim.nodes.domain import own_domain
 from vastflow.sim.run import execute
+from vastflow.sim.scenario.programs.run import process_run
 
 BRIDGE = str(Path(__file__).parents[1] / "support" / "false_bridge.py")
 AHEAD = {"x": 2.5, "y": 1.0}
@@ -32,10 +35,10 @@ pytestmark = pytest.mark.timeout(300)
 def driven(scenario):
     """Executes a run along x, 1.5 m to the goal, by nodes that behave as the test says."""
 
-    def run(behavior="", timeout_s=20.0, goal=AHEAD, processes=(), **nodes):
+    def run(behavior="", timeout_s=20.0, goal=AHEAD, processes=(), start_x_m=1.0, **nodes):
         given = {"mission": "topic", "python": BRIDGE, "answer_within_s": 5.0, **nodes}
         setup = ProcessSetup(environment={"BEHAVIOR": behavior}, nodes=Nodes(tuple(processes), **given))
-        found = scenario(goal_pose=goal, timeout_s=timeout_s, start_pose={"x": 1.0, "y": 1.0})
+        found = scenario(goal_pose=goal, timeout_s=timeout_s, start_pose={"x": start_x_m, "y": 1.0})
         return execute(replace(found, programs=setup), 0)
 
     return run
@@ -65,6 +68,23 @@ def test_command_counts_from_the_tick_after_the_scan_that_it_answers(driven):
     first = next(each for each in told if each["bytes"])
     assert (first["t_ns"], first["scan_ns"]) == (50_000_000, 0)
     assert moved["t_ns"] - first["t_ns"] == 50_000_000
+
+
+def test_robot_turns_left_by_a_positive_yaw_rate(driven):
+    columns = driven("turns", timeout_s=2.0).recording.columns
+    assert columns["yaw_mrad"][-1] == pytest.approx(900, abs=150) and columns["y_mm"][-1] > 1000
+
+
+def test_commands_reach_the_wheels_unchanged_up_to_the_wall(driven):
+    recording = driven(start_x_m=2.7, goal={"x": 3.9, "y": 3.0}).recording
+    assert {*recording.columns["sent_speed_mmps"].tolist()} == {0, 300}
+    assert [event.what for event in happened(recording, "contact")] == ["wall"]
+
+
+def test_nodes_hold_up_no_simulated_time(driven):
+    execution = driven(goal={"x": 3.9, "y": 3.0})
+    assert execution.recording.run.simulated_s == 20.0
+    assert execution.log.wall_s < 16.0  # of which most is starts; by the host's clock it would be 20 s and more
 
 
 def test_nodes_get_the_scans_odometry_and_map_of_the_simulated_robot(driven):
@@ -206,22 +226,47 @@ with own_domain() as (number, held), process_run(ProcessSetup(nodes=nodes), hold
 
 
 def test_killed_worker_leaves_no_process_folder_or_domain():
-    worker = subprocess.Popen(
-        [sys.executable, "-c", KILLED, BRIDGE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    with tempfile.TemporaryDirectory() as folder:  # a socket's path must be short
+        environment = {**os.environ, "TMPDIR": folder}
+        pipe = subprocess.PIPE
+        command = [sys.executable, "-c", KILLED, BRIDGE]
+        worker = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=environment)
+        assert worker.stdout is not None
+        number, run, *pids = worker.stdout.readline().split()
+        assert len(pids) == 2
+        os.kill(worker.pid, signal.SIGKILL)
+        worker.communicate()
+        until_s = time.monotonic() + 30.0
+        while not (is_over := _is_over(folder, number, run, pids)) and time.monotonic() < until_s:
+            time.sleep(0.05)
+        assert is_over
+
+
+def _is_over(folder, number, run, pids):
+    return (
+        not Path(run).exists()
+        and not any(psutil.pid_exists(int(pid)) for pid in pids)
+        and not _is_locked(Path(folder, "vastflow-ros-domains", number))
     )
-    assert worker.stdout is not None
-    number, folder, *pids = worker.stdout.readline().split()
-    assert len(pids) == 2
-    os.kill(worker.pid, signal.SIGKILL)
-    worker.communicate()
-    until_s = time.monotonic() + 20.0
-    while (Path(folder).exists() or any(map(psutil.pid_exists, map(int, pids)))) and time.monotonic() < until_s:
-        time.sleep(0.05)
-    assert [pid for pid in map(int, pids) if psutil.pid_exists(pid)] == []
-    assert not Path(folder).exists()
-    time.sleep(0.2)
-    with own_domain() as (again, _):
-        assert again <= int(number)
+
+
+def _is_locked(file):
+    with file.open() as opened:
+        try:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
+def test_domain_is_held_until_the_guard_of_a_run_has_ended(tmp_path):
+    descriptor = os.open(tmp_path / "1", os.O_CREAT | os.O_RDWR)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    with process_run(ProcessSetup(), holds=[descriptor]) as programs:
+        programs.start([sys.executable, "-c", "import time; time.sleep(60)"])
+        os.close(descriptor)
+        assert _is_locked(tmp_path / "1")
+    assert not _is_locked(tmp_path / "1")
 
 
 def test_setup_with_nodes_is_read_back_from_its_content():

@@ -67,7 +67,8 @@ def main():
                 state = behavior
             commands += bool(content)
             speed_mps = 0.3 if message["odom"][0] < 1.4 else 0.0
-            command = [speed_mps, 0.0, math.nan if behavior == "nan" and scans == 5 else 0.0]
+            turn_radps = 0.5 if behavior == "turns" else 0.0
+            command = [speed_mps, 0.0, math.nan if behavior == "nan" and scans == 5 else turn_radps]
             recorded = [[message["t_ns"], "/plan", "nav_msgs/msg/Path", 4]] if scans == 3 and content else []
             answer = {
                 "command": command if content else None,
