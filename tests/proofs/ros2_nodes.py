@@ -14,6 +14,7 @@ nodes at random points). Exit code 1 when one is not as it should be.
 
 import argparse
 import base64
+import fcntl
 import json
 import os
 import random
@@ -39,7 +40,6 @@ from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.nodes import NodeProcess
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nodes import driven
-from vastflow.sim.nodes.domain import own_domain
 from vastflow.sim.run import execute
 from vastflow.sim.scenario.programs.folders import files_matching
 
@@ -97,6 +97,15 @@ def count(message):
 node.create_subscription(LaserScan, "scan", count, qos_profile_sensor_data)
 rclpy.spin(node)
 """
+
+
+def is_locked(file: Path) -> bool:
+    with file.open() as opened:
+        try:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
 
 
 class Proof:
@@ -281,30 +290,31 @@ class Proof:
         rng, before = random.Random(seed), set(self._ours())
         for point in range(points):
             whom = rng.choice(["worker", "bridge", "follower.py", "stopper.py"])
-            worker = subprocess.Popen(
-                [sys.executable, __file__, "--environment", str(Path(self.python).parents[1]), "--only", "one"],
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
-            time.sleep(rng.uniform(1.0, 12.0))
-            pids = [worker.pid] if whom == "worker" else [pid for pid, text in self._ours().items() if whom in text]
-            for pid in pids:
-                try:
-                    os.kill(pid, signal.SIGKILL)
-                except ProcessLookupError:
-                    pids = []
-            worker.wait(120)
-            until_s = time.monotonic() + 20.0
-            while (left := self._left(before)) and time.monotonic() < until_s:
-                time.sleep(0.1)
+            with tempfile.TemporaryDirectory() as place:  # of its runs and their domains alone
+                worker = subprocess.Popen(
+                    [sys.executable, __file__, "--environment", str(Path(self.python).parents[1]), "--only", "one"],
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    env={**os.environ, "TMPDIR": place},
+                )
+                time.sleep(rng.uniform(4.0, 16.0))
+                pids = [worker.pid] if whom == "worker" else [pid for pid, text in self._ours().items() if whom in text]
+                for pid in pids:
+                    try:
+                        os.kill(pid, signal.SIGKILL)
+                    except ProcessLookupError:
+                        pids = []
+                worker.wait(120)
+                until_s = time.monotonic() + 20.0
+                while (left := self._left(Path(place), before)) and time.monotonic() < until_s:
+                    time.sleep(0.1)
             self.check(not left, f"point {point}: {whom} {'killed' if pids else 'had ended'}: left {left or 'nothing'}")
 
-    def _left(self, before: set[int]) -> list[str]:
+    def _left(self, place: Path, before: set[int]) -> list[str]:
         """Return what runs left: processes, folders, and domains."""
-        with own_domain() as (number, _):
-            domains = [f"domain {each}" for each in range(1, number)]
-        folders = [str(each) for each in Path(tempfile.gettempdir()).glob("vastflow-run-*")]
-        return [*domains, *folders, *(text for pid, text in self._ours().items() if pid not in before)]
+        domains = [each for each in (place / "vastflow-ros-domains").glob("*") if is_locked(each)]
+        left = [*place.glob("vastflow-run-*"), *domains]
+        return [*map(str, left), *(text for pid, text in self._ours().items() if pid not in before)]
 
     def _ours(self) -> dict[int, str]:
         """Process to command line of all that use the environment's Python."""
