@@ -64,7 +64,7 @@ class Thread:
 
 
 def thread_of(environment: Mapping[str, str]) -> Thread | None:
-    """Return the comments on the request that a job is about; None without a token or a request."""
+    """Return the comments on a job's request; None without a token or a request."""
     if event := environment.get("GITHUB_EVENT_PATH"):
         token, number = (
             environment.get("GITHUB_TOKEN"),

@@ -1,6 +1,7 @@
 """The start of a run's nodes: the bridge, and processes in order, each when the one before is ready."""
 
 import contextlib
+import math
 import socket
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +31,7 @@ class Started:
     """The nodes of a run, ready.
 
     Attributes:
-        groups: Name to process, the bridge among them.
+        groups: Name to process of each node; the bridge is none.
     """
 
     nodes: Nodes
@@ -79,8 +80,9 @@ def started(
     seen = CHANNEL if programs.in_main else str(folder)
     command = [nodes.python, f"{seen}/bridge.py", f"{seen}/bridge.sock"]
     groups: dict[str, ProcessGroup] = {}
-    with Channel(folder / "bridge.sock", lambda: _how(groups.get("bridge"))) as channel:
-        groups["bridge"] = programs.start(command, "bridge", stays=True)
+    bridge: ProcessGroup | None = None
+    with Channel(folder / "bridge.sock", lambda: _how(bridge)) as channel:
+        bridge = programs.start(command, "bridge", stays=True)
         channel.ask(*_setup(nodes, lidar, ground), BRIDGE_WITHIN_S)
         for process in nodes.processes:
             environment = {**programs.environment, **process.environment}
@@ -106,7 +108,7 @@ def _setup(nodes: Nodes, lidar: Lidar, ground: OccupancyMap | None) -> tuple[dic
         about = {"resolution": ground.resolution_m, "width": columns, "height": rows, "origin": origin}
         cells = ground.cells.astype("i1").tobytes()
     period_s, turn = 1.0 / lidar.rate_hz, lidar.angle_increment_rad
-    sweep_s = period_s * turn / 6.283185307179586 if lidar.sweeps else 0.0
+    sweep_s = period_s * turn / math.tau if lidar.sweeps else 0.0
     scan = {
         "angle_min": lidar.angle_min_rad,
         "angle_max": lidar.angle_min_rad + turn * (lidar.beams - 1),
