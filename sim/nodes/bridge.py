@@ -83,7 +83,8 @@ class Bridge:
         self._hear("amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", self._heard_estimate, self.latched)
         self._hear("rosout", "rcl_interfaces/msg/Log", self._heard_log, qos(1000))
         self._watched: dict[str, Any] = {}
-        self.ticks = 0
+        self.ticks = self.scans = 0
+        self.is_in_step = False
 
     def _hear(self, role: str, kind: str, callback: Callable[[Any], None], profile: Any) -> None:
         def heard(message: Any) -> None:
@@ -196,6 +197,7 @@ class Bridge:
 
     def go(self, mission: dict[str, Any], wait_s: float) -> None:
         """Send a mission by its action, or its goals by the topic, as the setup says."""
+        self.is_in_step = False
         self.mission = {"state": "running", "code": 0, "message": "", "recoveries": 0, "missed": 0}
         poses = [self._pose_stamped(pose) for pose in mission["goals"]]
         if self.setup["mission"] == "topic":
@@ -295,7 +297,6 @@ class Bridge:
             self.go(message["mission"], message["wait_s"])
         if message.get("cancel"):
             self.cancel()
-        before = self.answers
         if ranges:
             self._publish_scan(message, ranges)
         self.ticks += 1
@@ -304,32 +305,35 @@ class Bridge:
         self.drain()
         answered = True
         if ranges and message["await"]:
-            answered = self._await_answer(message, ranges, before)
+            answered = self._await_answer(message, ranges)
             self.drain()
         return answered
 
-    def _await_answer(self, message: dict[str, Any], ranges: bytes, before: int) -> bool:
+    def _await_answer(self, message: dict[str, Any], ranges: bytes) -> bool:
         """Wait for the answer to a scan, and return whether it came.
 
-        The first one that is awaited is sent again each second, as nodes may have found the bridge and not yet each other; answers to
-        its repetitions are waited for too.
+        The first one of a mission is sent again each second, as nodes may have found the bridge and not yet each other. Answers to
+        repetitions, and to scans that nobody awaited, are waited for too: a late one would stand for the next one's.
         """
 
         def is_over() -> bool:
-            return self.answers > before or self.mission["state"] != "running"
+            return self.answers >= self.scans or self.mission["state"] != "running"
 
-        if before:
+        if self.is_in_step:
             return self._until(is_over, message["wait_s"])
-        until_s, sent = time.monotonic() + message["wait_s"], 1
-        while not self._until(is_over, min(1.0, max(0.0, until_s - time.monotonic()))):
+        until_s, before = time.monotonic() + message["wait_s"], self.answers
+        while not self._until(
+            lambda: self.answers > before or is_over(), min(1.0, max(0.0, until_s - time.monotonic()))
+        ):
             if time.monotonic() >= until_s:
                 return False
             self._publish_scan(message, ranges)
-            sent += 1
-        self._until(lambda: self.answers >= before + sent, QUIET_S)  # those to the repetitions
+        self._until(is_over, QUIET_S)
+        self.is_in_step, self.scans = True, self.answers
         return True
 
     def _publish_scan(self, message: dict[str, Any], ranges: bytes) -> None:
+        self.scans += 1
         about, scan = self.setup["lidar"], imported("sensor_msgs/msg/LaserScan")()
         self.now_ns = message["scan_ns"]
         self._stamp(scan.header, self.frames["laser"])
