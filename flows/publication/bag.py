@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import IO, Final
 
 from vastflow.sim.model.faults import UserError
@@ -173,4 +173,6 @@ def _files_of(archive: zipfile.ZipFile, size: int) -> dict[str, zipfile.ZipInfo]
         if not below or below in files:
             raise ValueError(f"{each.filename!r:.100} is there twice, or no file in the folder")
         files[below] = each
+    if below_files := [name for name in files if not files.keys().isdisjoint(map(str, PurePosixPath(name).parents))]:
+        raise ValueError(f"{below_files[0]!r:.100} lies below a file")
     return files

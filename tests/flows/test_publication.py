@@ -257,6 +257,7 @@ def zipped(*names, mode=0o100644, content=b"x"):
         (zipped("top/../../x"), "is no path inside the folder"),
         (zipped("top/link", mode=0o120777), "is a link"),
         (zipped("top/a", "top/a"), "twice"),
+        (zipped("top/a", "top/a/b"), "'a/b' lies below a file"),
         (zipped("a/b", "c/d"), "it has 2 folders in place of one"),
         (zipped("top/bomb", content=bytes(200_000_000)), "a zip bomb"),
         (zipped("top/a"), "a bag without manifest-sha256.txt"),
