@@ -153,11 +153,17 @@ def programs_of(
     """
     given = [key for key in KEYS if getattr(execution, key)]
     nodes = nodes_of(execution.nodes, execution.ros2) if execution.system == "ros2" else None
-    if abstract.actions.isdisjoint(PROCESSES) and nodes is None:
+    starts_none, what = abstract.actions.isdisjoint(PROCESSES), "it has no effect"
+    unused = {"nodes", "ros2"} & execution.model_fields_set if nodes is None else ()
+    idle = [document.note("warning", ("execution", key), what, "write 'system: ros2'") for key in sorted(unused)]
+    if starts_none and nodes is None:
         why = "the scenario starts no program"
-        what = "it has no effect"
-        return None, [document.note("not executed", ("execution", key), what, why) for key in given], []
+        return None, [*idle, *(document.note("not executed", ("execution", key), what, why) for key in given)], []
+    if starts_none and nodes is not None and not nodes.processes:
+        right = "give execution.nodes, or a scenario that starts them"
+        return None, [], [document.fault(("execution", "system"), "no node drives the robot", right)]
     scripts, notes, faults = _scripts(document, base, execution)
+    notes += idle
     try:
         files = run_files(base, execution.run_files)
     except ScenarioError as error:

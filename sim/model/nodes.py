@@ -85,7 +85,7 @@ class Nodes:
     @property
     def words(self) -> str:
         """Their names, and how time goes."""
-        names = ", ".join(each.name for each in self.processes) or "that run already"
+        names = ", ".join(each.name for each in self.processes) or "that the scenario starts"
         time = "in lock step" if self.time == "lock_step" else f"paced at {self.real_time_factor:g} times real time"
         return f"{names}; {time}"
 

@@ -424,7 +424,7 @@ def main() -> int:
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return 0
     except ImportError as error:
-        send(connection, {"problem": f"rclpy can't be imported ({error})"})
+        send(connection, {"problem": f"rclpy can't be imported ({error}): give execution.ros2.python or a pre_command"})
     except Problem as problem:
         send(connection, {"problem": str(problem)})
     return 1

@@ -82,11 +82,33 @@ def test_robot_of_a_campaign_with_nodes_is_said_to_be_driven_by_them(load):
         (["nodes: [{a: {command: x, ready: {port: 0}}}]"], "port"),
         (["ros2: {topics: {laser: /scan}}"], "expected one of amcl_pose, clock, cmd_vel"),
         (["ros2: {real_time_factor: 0}"], "real_time_factor"),
+        (["system: ros2"], "execution.system: No node drives the robot. Give execution.nodes, or a scenario that"),
     ],
 )
 def test_wrong_nodes_are_refused_with_their_place(load, lines, fault):
     with pytest.raises(FileError, match=fault):
         load(*lines)
+
+
+def test_nodes_without_system_of_ros2_are_said_to_have_no_effect(load):
+    notes = load("nodes: [{a: {command: x}}]", "ros2: {time: paced}").notes
+    assert [(note.kind, note.place.where) for note in notes] == [
+        ("warning", "execution.nodes"),
+        ("warning", "execution.ros2"),
+    ]
+    assert not [
+        note for note in load("system: ros2", "nodes: [{a: {command: x}}]").notes if "nodes" in note.place.where
+    ]
+
+
+def test_scenario_that_starts_programs_needs_no_nodes_of_its_own(load, tmp_path):
+    (tmp_path / "own.osc").write_text(
+        "import osc.os\nimport osc.nav2\nimport osc.helpers\nscenario own:\n    start_pose: pose_3d\n    goal_pose: pose_3d\n"
+        "    robot: differential_drive_robot\n    do parallel:\n        run_process('follower')\n"
+        "        robot.nav_to_pose(goal_pose)\n"
+    )
+    campaign = load("system: ros2", "scenario_file: own.osc")
+    assert campaign.nodes is not None and "that the scenario starts" in campaign.nodes.words
 
 
 def test_runs_of_built_in_stack_import_nothing_of_nodes():
