@@ -55,7 +55,7 @@ def play(
     """Run a scenario to its end, or to the end of its time.
 
     The tree is ticked ten times a simulated second; ticks that can change nothing are skipped. While a program runs, no tick
-    is skipped, and each lasts 0.1 s of host time or until the program ends.
+    is skipped, and each lasts 0.1 s of host time or until the program ends, unless the simulation keeps a pace of its own.
 
     Args:
         simulation: The robot in its world; None for a scenario without.
@@ -74,7 +74,8 @@ def play(
             number = -(-simulation.tick // TICKS)  # the first tick after the mission's end
             world.advance(number * TICKS)
         if programs is not None and waiting:
-            programs.wait(max(0.0, began_s + PERIOD_S - time.monotonic()))
+            is_paced = simulation is not None and simulation.is_paced
+            programs.wait(0.0 if is_paced else max(0.0, began_s + PERIOD_S - time.monotonic()))
         began_s = time.monotonic()
         tree.tick(number)
 

@@ -96,6 +96,11 @@ class ClosedLoop:
         return int(self.stack.m[0]["error_code"])
 
     @property
+    def is_paced(self) -> bool:
+        """True if time goes by the host's clock."""
+        return False
+
+    @property
     def placed(self) -> bool:
         """True if AMCL was ever given an initial pose."""
         return bool(self.stack.m[0]["initialized"])

@@ -74,6 +74,8 @@ class DrivenSimulation(Simulation):
         self._scan_ticks = ticks_of(lidar.rate_hz)
         self._used = 0
         self._given: dict[str, Any] = {}
+        self._initial: list[float] = []
+        self._initial_tick = 0
         self._mission: Mission | None = None
         self._updates = 0
         self._began_s: float | None = None
@@ -82,6 +84,10 @@ class DrivenSimulation(Simulation):
         self._messages: list[tuple[int, str, str, bytes]] = []
         self._lines: list[str] = []
         self._is_placed = self._is_localized = nodes.localization == "ideal"
+
+    @property
+    def is_paced(self) -> bool:
+        return self._nodes.time == "paced"
 
     @property
     def placed(self) -> bool:
@@ -93,7 +99,7 @@ class DrivenSimulation(Simulation):
 
     def localize(self, pose: Pose) -> None:
         self.told.append(("bridge", f"Setting pose: {pose.x_m:.3f} {pose.y_m:.3f} {pose.yaw_rad:.3f}"))
-        self._given["localize"] = _numbers(pose)
+        self._initial, self._initial_tick = _numbers(pose), self.tick
         self._is_placed = True
 
     def navigate(self, mission: Mission) -> None:
@@ -148,6 +154,11 @@ class DrivenSimulation(Simulation):
         while self.tick < until and self.status == status:
             self._keep_pace()
             super().advance(self.tick + 1)
+            if self._initial:  # sent once a second until nodes say where they are, as Nav2's commander does
+                if (self.tick - self._initial_tick) % ticks_of(1.0) == 1:
+                    self._given["localize"] = self._initial
+                if not self.is_paced:
+                    time.sleep(TICK_S)
             self._exchange(self._new_scan())
 
     def _new_scan(self) -> tuple[float, bytes] | None:
@@ -166,7 +177,7 @@ class DrivenSimulation(Simulation):
 
     def _keep_pace(self) -> None:
         """Wait for the host's clock where time is paced."""
-        if self._nodes.time != "paced":
+        if not self.is_paced:
             return
         now_s = time.monotonic()
         if self._began_s is None:
@@ -243,7 +254,7 @@ class DrivenSimulation(Simulation):
         if answer["updates"] > self._updates:
             self._updates, m["localized"] = answer["updates"], 1
             m["pose_xx"], m["pose_xy"], m["pose_yy"], m["pose_aa"] = answer["covariance"]
-        self._is_localized = True
+        self._is_localized, self._initial = True, []
 
     def _follow(self, told: Mapping[str, Any]) -> None:
         """Take the state of the mission, of the action or by the true pose."""

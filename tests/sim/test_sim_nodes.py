@@ -3,6 +3,7 @@
 import fcntl
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -109,6 +110,29 @@ def test_nodes_get_the_scans_odometry_and_map_of_the_simulated_robot(driven):
     ages = {each["t_ns"] - each["scan_ns"] for each in told if each["bytes"]}
     assert ages == {50_000_000}
     assert told[-1]["odom"][0] == pytest.approx(execution.recording.run.distance_m, abs=0.02)
+
+
+def test_start_is_told_each_second_until_nodes_know_where_they_are(driven):
+    told = [each["t_ns"] / 1e9 for each in heard(driven("deaf")) if each.get("localize")]
+    assert len(told) == 3 and np.diff(told).tolist() == pytest.approx([1.0, 1.0])
+
+
+def test_programs_of_a_scenario_do_not_hold_up_a_paced_run(staged):
+    trial = staged("""
+        do parallel:
+            run_process('sleep 60')
+            serial:
+                robot.init_nav2(start)
+                robot.nav_to_pose(goal_pose: pose_3d(position_3d(2.5m, 1.0m)))
+                emit end
+    """)
+    nodes = Nodes(python=BRIDGE, mission="topic", time="paced", real_time_factor=2.0, most_late=1.0)
+    execution = execute(replace(trial, programs=ProcessSetup(nodes=nodes)), 0)
+    assert execution.recording.run.outcome == "succeeded"
+    found = re.search(r"(\d+) of (\d+) ticks late", "".join(execution.log.lines))
+    assert found is not None and int(found[1]) < 0.8 * int(
+        found[2]
+    )  # all of them at the pace of programs, 0.1 s for two ticks
 
 
 def test_equal_answers_give_equal_bytes(driven):
