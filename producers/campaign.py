@@ -155,7 +155,8 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
     faults += [*abstract_faults, *program_faults]
     system_file = system_file_of(document, path.parent)
     maps = MapSearch(path.parent, map_dir and map_dir.resolve())
-    reader = FamilyReader(document, path.parent, abstract, system_file.values, maps, spec.execution.max_configurations)
+    given = document, path.parent, abstract, system_file.values, maps, spec.execution.max_configurations
+    reader = FamilyReader(*given, programs=programs)
     families = [family for family in _families(document, reader) if family.name not in reader.unavailable]
     searching = None
     if spec.search and not spec.configuration:
@@ -164,7 +165,7 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
             spec.search,
             spec.execution,
             path.parent,
-            lambda filled: FamilyReader(filled, path.parent, abstract, system_file.values, maps, refuse_empty=False),
+            lambda filled: FamilyReader(filled, *given[1:], programs=programs, refuse_empty=False),
         )
         families, faults = [*searching.families], [*faults, *searching.faults]
     faults += [*reader.faults, *_family_set_faults(document), *_oracle_faults(document)]

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from vastflow.producers.campaign_file.spec import CampaignSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY
-from vastflow.sim.system.keys import FILE_KEY
+from vastflow.sim.system.keys import FILE_KEY, SUT
 
 SCHEMAS: Final = (2, 3, 4)
 EXPECTED: Final = (
@@ -25,13 +25,12 @@ class Converter:
 
     def __init__(self) -> None:
         self.left: list[str] = []
+        self._config_files: dict[str, tuple[str, Any]] = {}  # with their places
+        self._configured: set[str] = set()
 
     def campaign(self, data: Mapping[str, Any]) -> dict[str, Any]:
         """Return a file of version 1 with all that maps."""
         found = {"version": 1, **self._kept(data, CampaignSpec.model_fields, "", ("version",))}
-        if isinstance(families := data.get("configuration"), list):
-            places = [f"configuration[{k}]" for k in range(len(families))]
-            found["configuration"] = [self._family(*each) for each in zip(families, places, strict=True)]
         for name, fields in (("execution", ExecutionSpec), ("results_processing", ResultsProcessingSpec)):
             if isinstance(section := data.get(name), Mapping):
                 found[name] = self._kept(section, fields.model_fields, f"{name}.", ("containers",))
@@ -42,6 +41,13 @@ class Converter:
                 execution["timeout"] = limit_s / runs
         if isinstance(search := found.get("search"), Mapping):
             found["search"] = self._family(search, "search", search)
+        if isinstance(families := data.get("configuration"), list):
+            places = [f"configuration[{k}]" for k in range(len(families))]
+            found["configuration"] = [self._family(*each) for each in zip(families, places, strict=True)]
+        files = {key: path for key, (_, path) in self._config_files.items() if key in self._configured}
+        if files:
+            found["execution"]["config_files"] = files
+        self.left += [place for key, (place, _) in self._config_files.items() if key not in self._configured]
         return found
 
     def _kept(
@@ -76,7 +82,11 @@ class Converter:
 
     def _name(self, slot: str, name: str, place: str) -> str:
         """Return the key of a slot's parameter, empty with a word of it where there is none."""
-        key = {"scenario": name, "sut": name.partition(".")[2]}.get(slot, name if name in DIMENSION_OF_KEY else "")
+        source, _, path = name.partition(".")
+        if slot == "sut" and path and source in self._config_files:
+            self._configured.add(source)
+            return f"{SUT}{name}"
+        key = {"scenario": name, "sut": path}.get(slot, name if name in DIMENSION_OF_KEY else "")
         self.left += [] if key else [f"{place}.{name}"]
         return key
 
@@ -120,7 +130,8 @@ class Converter:
             found |= {FILE_KEY: files["nav2"]} if "nav2" in files else {}
             fields |= {"resources": resources} if resources else {}
             unused = [key for key in given if key not in ("image", "resources", "config_files")]
-            unused += [f"config_files.{key}" for key in files if key != "nav2"]
+            own = {key: (f"{place}.config_files.{key}", path) for key, path in files.items() if key != "nav2"}
+            self._config_files |= own  # and that of `nav2` is the built-in robot's
             unused += [f"resources.{key}" for key in wanted if key not in _RESOURCES]
             self.left += [f"{place}.{key}" for key in unused]
             if name == (order or [*containers])[0]:

@@ -13,7 +13,7 @@ from vastflow.producers.model.faults import Location
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, file_digest
 from vastflow.sim.model.faults import Complaint, Fault, FileError, Got, ScenarioError
-from vastflow.sim.model.files import is_file
+from vastflow.sim.model.files import Unreadable, is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import ProcessSetup, RunFiles
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, abstract_content, definition_of
@@ -22,6 +22,7 @@ from vastflow.sim.reading.vocabulary import ACTIONS, WORLDLY
 from vastflow.sim.scenario.definition import ScenarioDefinition
 from vastflow.sim.scenario.language.parameters import ParameterMismatch, bound, default_of
 from vastflow.sim.scenario.programs.actions import PROCESSES
+from vastflow.sim.scenario.programs.config_files import read_tree
 from vastflow.sim.scenario.programs.folders import CONFIG, below_config, files_matching, unmatched
 from vastflow.sim.scenario.tree.support import unsupported
 from vastflow.sim.world.environment import MAP_KEY
@@ -138,7 +139,7 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
     return AbstractScenario(name, content, definition), []
 
 
-KEYS: Final = ("run_files", "env", "pre_command", "post_command", "containers", "container_runtime")
+KEYS: Final = ("run_files", "config_files", "env", "pre_command", "post_command", "containers", "container_runtime")
 CONTAINERS: Final[Collection[Location]] = [("execution", name) for name in ("image", "secondary_containers")]
 """Keys that describe containers, and are executed where `containers_of` says so."""
 
@@ -172,13 +173,21 @@ def programs_of(
         document.note("warning", ("execution", "run_files"), f"no file matches {pattern!r}")
         for pattern in unmatched(files, execution.run_files)
     ]
+    config = {name: str(below_config(path)) for name, path in execution.config_files.items()}
+    for name, path in config.items():
+        try:
+            read_tree(base / path)
+        except Unreadable as error:
+            where = ("execution", "config_files", name)
+            faults.append(document.fault(where, f"{path}:{error.place[0]}:{error.place[1]}: {error}"))
     environment = {  # YAML's `true` is `true`, as a shell would have it
         name: str(value).lower() if isinstance(value, bool) else "" if value is None else str(value)
         for entry in execution.env
         for name, value in entry.items()
     }
     folder = PurePosixPath(execution.scenario_file or "").parent
-    own = {path: FileContent(str(base / path), file_digest(base / path)) for path in scripts}
+    named = [path for path in (*scripts, *config.values()) if is_file(base / path)]
+    own = {path: FileContent(str(base / path), file_digest(base / path)) for path in named}
     setup = ProcessSetup(
         tuple(sorted({**own, **dict(files)}.items())),
         environment,
@@ -190,6 +199,7 @@ def programs_of(
         ),
         "" if execution.container_runtime in (None, "any") else str(execution.container_runtime),
         nodes,
+        config,
     )
     return setup, notes, faults
 

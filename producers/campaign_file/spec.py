@@ -168,6 +168,11 @@ class ExecutionSpec(Section):
     """How robot and nodes meet. Not part of version 1 elsewhere."""
     run_files: Annotated[list[str], EmptyIsList] = Field(default_factory=list)
     """Files each run needs, as glob patterns; programs a scenario starts find them in their folder."""
+    config_files: Annotated[
+        dict[Annotated[str, Field(pattern=r"^[\w-]+$")], Annotated[str, AfterValidator(_inside)]], EmptyIsMap
+    ] = Field(default_factory=dict)
+    """YAML, JSON, or XML files below the campaign file's folder, by name: run files whose parameters `sut.NAME.PATH` are varied. Not part
+    of version 1 elsewhere."""
     runs_per_job: Annotated[Count, Unexecuted("runs are shared out over this machine's cores")] = 1
     """Runs that share one job of a cluster."""
     pre_command: str | None = None

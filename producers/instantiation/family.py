@@ -43,13 +43,14 @@ from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Complaint, Fault, FileError, Got, Place, Problem
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.recording import recording_value
-from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension, ProcessSetup
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import plug_in_value
 from vastflow.sim.reading.abstract import hall_file
 from vastflow.sim.reading.movers import MOVERS_KEY, movers_value
-from vastflow.sim.system.keys import RECORDING_KEY, is_of_footprint
+from vastflow.sim.scenario.programs.config_files import complaint as config_complaint
+from vastflow.sim.system.keys import RECORDING_KEY, SUT, is_of_footprint
 from vastflow.sim.system.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.system.system import system_of
 from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, world_files
@@ -82,6 +83,7 @@ class FamilyReader:
         maps: MapSearch | None = None,
         max_configurations: int = ExecutionSpec().max_configurations,
         *,
+        programs: ProcessSetup | None = None,
         refuse_empty: bool = True,
     ) -> None:
         """Read families of `document`; file names are relative to `base`.
@@ -91,6 +93,7 @@ class FamilyReader:
             system: Values of the system dimension that every family has.
             maps: Search for maps; None to look below `base`.
             max_configurations: Greatest number of configurations of each family.
+            programs: Setup of the programs, with their configuration files.
             refuse_empty: Whether constraints that leave nothing of a family are a fault.
         """
         self.faults: list[Fault] = []
@@ -101,6 +104,7 @@ class FamilyReader:
         self._abstract = abstract
         self._system = system or {}
         self._max_configurations = max_configurations
+        self._programs = programs
         self._refuse_empty = refuse_empty
         self._search = maps or MapSearch(base)
         self._context: dict[str, Any] = {"base": base, "maps": self._search, "plans": {}}
@@ -289,6 +293,8 @@ class FamilyReader:
 
     def _complaint(self, key: str, value: Value, dimension: Dimension, system: Mapping[str, Value]) -> Complaint | None:
         """Return the simulator's complaint about a value, else the scenario's."""
+        if key.startswith(SUT):
+            return config_complaint(self._programs, key, value)
         said = complaint_of(key, value, dimension, system)
         return said or (self._abstract.complaint(key, value) if self._abstract else None)
 
@@ -412,7 +418,7 @@ class FamilyReader:
         untold = {k for link in links for k, tag in link.producer.writes.items() if may_list_obstacles(k, tag)}
         written = {**varied, **{key: places[key] for key, tag in tags.items() if tag == "system"}}
         for key in unread_keys(system, varied):
-            if key in read:
+            if key in read or key.startswith(SUT):
                 continue
             if why := replaced_by(key, system, varied):
                 self.notes.append(self._document.note("warning", written[key], f"{key!r} has no effect", why))

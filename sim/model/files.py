@@ -1,4 +1,4 @@
-"""Files that others write, read within limits: texts, YAML, and JSON; and folders that appear whole."""
+"""Files that others write, read within limits: texts, YAML, JSON, and XML; and folders that appear whole."""
 
 import io
 import itertools
@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, TypeAlias
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 import yaml
 from yaml.constructor import SafeConstructor
@@ -277,6 +279,26 @@ def read_json(path: str | Path, kind: str = "a JSON file") -> Any:
         line, column = error.place
         at = "" if error.place == START else f":{line}:{column}"
         raise type(error)(f"{Path(path).name}{at}: {error}", "", error.place) from None
+
+
+def xml_root(content: bytes) -> Element:
+    """Return the root of an XML document, without comments; raises `Unreadable`, for a document type, which can have entities, too."""
+    builder, parser = TreeBuilder(), expat.ParserCreate()
+    parser.buffer_text = True
+
+    def refuse(*_: object) -> None:
+        raise Unreadable(Got("<!DOCTYPE"), "XML without a document type")
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler = lambda tag, attributes: builder.start(tag, attributes)
+    parser.EndElementHandler = lambda tag: builder.end(tag)
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        raise Unreadable(Got(expat.errors.messages[error.code]), "XML", (error.lineno, error.offset + 1)) from None
+    root: Element = builder.close()
+    return root
 
 
 def _place_behind(before: str) -> TextPlace:

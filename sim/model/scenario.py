@@ -43,6 +43,8 @@ class ProcessSetup:
         containers: Name to description, see `vastflow.sim.model.container.container_of`.
         container_runtime: Name of what runs them; empty for the first that works.
         nodes: Nodes that drive the robot; None where the built-in stack does.
+        config_files: Name to path below `/config` of each file with parameters `sut.NAME.PATH`.
+        parameters: Path of a file below `/config` to a configuration's values by their paths in it.
     """
 
     files: RunFiles = ()
@@ -53,11 +55,14 @@ class ProcessSetup:
     containers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     container_runtime: str = ""
     nodes: Nodes | None = None
+    config_files: Mapping[str, str] = field(default_factory=dict)
+    parameters: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
 
     @property
     def content(self) -> Value:
-        """The setup as a value; campaign directories of earlier versions have no `scenario_folder`, containers, and nodes."""
-        later = {name: getattr(self, name) for name in ("scenario_folder", "containers", "container_runtime")}
+        """The setup as a value; campaign directories of earlier versions lack the later fields."""
+        names = ("scenario_folder", "containers", "container_runtime", "config_files", "parameters")
+        later = {name: getattr(self, name) for name in names}
         return {
             **{name: value for name, value in later.items() if value},
             **({} if self.nodes is None else {"nodes": self.nodes.content}),

@@ -22,6 +22,7 @@ from vastflow.sim.reading.abstract import content_digest, definition_digest, def
 from vastflow.sim.reading.movers import MOVERS_KEY, movers_of
 from vastflow.sim.reading.script import NAVIGATIONS, Script, calls_of, script_of
 from vastflow.sim.reading.vocabulary import WORLDLY
+from vastflow.sim.scenario.programs.config_files import configured
 from vastflow.sim.system.keys import RECORDING_KEY
 from vastflow.sim.system.robot import RobotParameters
 from vastflow.sim.system.system import NO_MASKS, Masks
@@ -107,7 +108,7 @@ def checked_of(scenario: Scenario) -> CheckedScenario:
         actions,
         any(action.rpartition(".")[2] in NAVIGATIONS for action in actions),
         _robot(scenario, script) if needs_robot else None,
-        scenario.programs,
+        scenario.programs and configured(scenario.programs, values),
         {key: value for key, value in given.items() if isinstance(value, FileContent)},
         recording if isinstance(recording, FileContent) else None,
     )

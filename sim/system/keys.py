@@ -5,6 +5,9 @@ from typing import Final, Literal, TypeAlias, get_args
 FILE_KEY: Final = "nav2_params"
 """Key that has the system's parameter file."""
 
+SUT: Final = "sut."
+"""Begins the key of a parameter in a configuration file of a program: name of the file, and path in it."""
+
 CONTROLLER_KEY: Final = "controller"
 
 KEEPOUT_KEY: Final = "keepout_mask"

@@ -201,7 +201,7 @@ def test_included_file_lies_at_most_one_folder_above_world(tmp_path):
 DEEP = "<!DOCTYPE sdf [<!ENTITY a 'aaaaaaaaaa'><!ENTITY b '&a;&a;&a;'>]><sdf version='1.6'>&b;</sdf>"
 REFUSED = {
     "entities": (DEEP, "expected XML without a document type"),
-    "no end": ("<sdf version='1.6'><world>", "expected XML: no element found"),
+    "no end": ("<sdf version='1.6'><world>", "expected XML, got no element found"),
     "no SDF": ("<robot name='r'/>", "expected <sdf>, got <robot>"),
     "no number": (model(link(collision(pose=pose("nan 0 0 0 0 0")))), "m::l::c: pose: expected 6 numbers of 10000"),
     "five numbers": (model(link(collision(pose=pose("0 0 0 0 0")))), "m::l::c: pose: expected 6 numbers"),

@@ -40,6 +40,7 @@ from vastflow.sim.system.keys import (
     MASK_KEYS,
     RELEASE_KEY,
     SPEED_KEY,
+    SUT,
 )
 from vastflow.sim.system.robot import NAMESPACE_KEY, NOISE_MODEL_KEY, NOISE_PLACE, robot_keys
 from vastflow.sim.world.noise_registry import GaussianDropoutParameters
@@ -302,7 +303,8 @@ class _System:
 
 
 def _system(values: Mapping[str, Value]) -> _System:
-    return _System(canonical(dict(values)), values)
+    values = {key: value for key, value in values.items() if not key.startswith(SUT)}
+    return _System(canonical(values), values)
 
 
 @functools.lru_cache(maxsize=64)

@@ -23,6 +23,7 @@ from vastflow.sim.model.files import read_bytes
 from vastflow.sim.model.recording import LogText, Outputs, Use
 from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.scenario.programs import guard
+from vastflow.sim.scenario.programs.config_files import write_parameters
 from vastflow.sim.scenario.programs.folders import (
     BUBBLEWRAP,
     CONFIG,
@@ -127,6 +128,7 @@ class ProcessRun:
             folder.mkdir()
         for folder in (folders.config, folders.out):
             copy_in(self._setup.files, folder)
+            write_parameters(self._setup.parameters, folder)
             hand_over(self._handed, folder)
         if self._setup.containers:
             from vastflow.sim.scenario.programs.containers import RunContainers  # seldom needed

@@ -10,15 +10,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import ClassVar, Final
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from vastflow.sim.model.elementary import atan2, cos_sin, dist
-from vastflow.sim.model.files import is_file, is_inside, read_bytes
+from vastflow.sim.model.files import Unreadable, is_file, is_inside, read_bytes, xml_root
 from vastflow.sim.model.pose import DECIMALS, Pose
 from vastflow.sim.model.shape import Box, Disc, Polygon, Shape, polygons_about
 from vastflow.sim.world.bodies import HIGHEST_M, LOWEST_M, Body
@@ -100,26 +99,14 @@ class _File:
 
 
 def _root(file: _File) -> Element:
-    """Parse a file once; a document type, which can have entities, is refused."""
+    """Parse a file once."""
     if file.path in file.tree.roots:
         return file.tree.roots[file.path]
-    builder, parser = TreeBuilder(), expat.ParserCreate()
-    parser.buffer_text = True
-
-    def refuse(*_: object) -> None:
-        raise file.error("expected XML without a document type, got <!DOCTYPE")
-
-    parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler = lambda tag, attributes: builder.start(tag, attributes)
-    parser.EndElementHandler = lambda tag: builder.end(tag)
-    parser.CharacterDataHandler = builder.data
+    content = read_bytes(file.path, "an SDF file", MOST_FILE_BYTES)
     try:
-        parser.Parse(read_bytes(file.path, "an SDF file", MOST_FILE_BYTES), True)
-    except expat.ExpatError as error:
-        raise WorldError(
-            f"{file.path}:{error.lineno}:{error.offset + 1}: expected XML: {expat.errors.messages[error.code]}"
-        ) from None
-    root: Element = builder.close()
+        root = xml_root(content)
+    except Unreadable as error:
+        raise WorldError(f"{file.path}:{error.place[0]}:{error.place[1]}: {error}") from None
     if root.tag != "sdf":
         raise file.error(f"expected <sdf>, got <{root.tag}>")
     file.tree.roots[file.path] = root
