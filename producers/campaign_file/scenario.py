@@ -165,14 +165,15 @@ def programs_of(
         return None, [], [document.fault(("execution", "system"), "no node drives the robot", right)]
     scripts, notes, faults = _scripts(document, base, execution)
     notes += idle
+    files: RunFiles = ()
     try:
         files = run_files(base, execution.run_files)
+        notes += [
+            document.note("warning", ("execution", "run_files"), f"no file matches {pattern!r}")
+            for pattern in unmatched(files, execution.run_files)
+        ]
     except ScenarioError as error:
-        return None, [], [*faults, document.fault(("execution", "run_files"), str(error), "")]
-    notes += [
-        document.note("warning", ("execution", "run_files"), f"no file matches {pattern!r}")
-        for pattern in unmatched(files, execution.run_files)
-    ]
+        faults.append(document.fault(("execution", "run_files"), str(error), ""))
     config = {name: str(below_config(path)) for name, path in execution.config_files.items()}
     for name, path in config.items():
         try:

@@ -294,7 +294,7 @@ class FamilyReader:
     def _complaint(self, key: str, value: Value, dimension: Dimension, system: Mapping[str, Value]) -> Complaint | None:
         """Return the simulator's complaint about a value, else the scenario's."""
         if key.startswith(SUT):
-            return config_complaint(self._programs, key, value)
+            return config_complaint(self._programs, key, value) if self._abstract else None
         said = complaint_of(key, value, dimension, system)
         return said or (self._abstract.complaint(key, value) if self._abstract else None)
 

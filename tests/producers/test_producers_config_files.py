@@ -1,11 +1,14 @@
 """Configuration files of a campaign: declared, checked with their parameters, and varied."""
 
+import sys
+
 import pytest
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.reading.checked import checked_digest, checked_of
+from vastflow.sim.run import execute
 
 VAST = """\
 version: 1
@@ -66,6 +69,18 @@ def test_producers_and_constraints_vary_parameters_of_files(campaign):
     assert len(faster) == 2, "the constraint leaves out 2 * 0.5"
 
 
+def test_output_of_a_program_varies_with_the_parameter_of_its_file(campaign, tmp_path):
+    (tmp_path / "read.py").write_text(
+        "speed = open('params/nav2.yaml').read().split('speed: ')[1].split(',')[0]\n"
+        "open('out.csv', 'w').write(f'speed\\n{speed}\\n')\n"
+    )
+    (tmp_path / "drive.osc").write_text(SCENARIO.replace("true", f"{sys.executable} -S -E read.py"))
+    made = instantiate(campaign(("  config_files", "  run_files: [read.py]\n  config_files"))).configurations
+    found = [execute(each.scenario, 0).recording.outputs.tables["out"]["speed"].tolist() for each in made]
+    assert found == [[0.2], [0.2], [0.3], [0.3]]
+    assert (tmp_path / "params/nav2.yaml").read_text() == NAV2
+
+
 def test_edit_reaches_the_configurations_that_have_it(campaign, tmp_path):
     def digests(*replacements):
         return [checked_digest(each.scenario) for each in instantiate(campaign(*replacements)).configurations]
@@ -75,6 +90,13 @@ def test_edit_reaches_the_configurations_that_have_it(campaign, tmp_path):
     assert [a == b for a, b in zip(digests(("[0.2,", "[0.25,")), before, strict=True)] == [False, False, True, True]
     (tmp_path / "params/nav2.yaml").write_text(NAV2 + "other: 1\n")
     assert not {*digests()} & {*before}
+
+
+def test_scenario_that_can_not_be_read_is_the_only_fault(campaign, tmp_path):
+    (tmp_path / "drive.osc").write_text("scenario")
+    with pytest.raises(FileError, match=r"drive\.osc:1:9") as error:
+        campaign()
+    assert len(error.value.faults) == 1
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,17 @@ def test_converter_writes_what_version_1_can_say_and_names_the_rest():
     ]
 
 
+def test_converter_keeps_parameters_of_config_files_of_other_sources():
+    converter = Converter()
+    text = FILE.replace("sut: nav2.robot_radius", "sut: bridge.a.rate").replace("other: 1}", "bridge.port: 1}")
+    found = converter.campaign(yaml.safe_load(text))
+    (family,) = found["configuration"]
+    assert {"sut.bridge.port": 1} in family["parameters"]
+    assert family["variations"][0] == {"ParameterVariationList": {"name": "sut.bridge.a.rate", "values": [0.2, 0.25]}}
+    assert found["execution"]["config_files"] == {"bridge": "b.yaml"}
+    assert not [left for left in converter.left if "bridge" in left or "sut.other" in left]
+
+
 def test_converter_keeps_steps_and_parameters_that_have_no_slots():
     steps = [
         {"ParameterVariationList": {"name": "robot_radius", "values": [0.2, 0.3]}},

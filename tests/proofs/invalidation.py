@@ -105,6 +105,10 @@ MUST_NOT: Final[Mapping[str, Edit]] = {
     "campaign: its folder's name": renamed_campaign,
     "campaign: oracles in another order": swap("x.vast", ASKED_JUDGE + ASKED_LOOK, ASKED_LOOK + ASKED_JUDGE),
     "campaign: a parameter's default written out": swap("x.vast", "runs: 2", "runs: 2\n  seed: 0"),
+    "config file: its name in the campaign": lambda bed: (
+        bed.replace("x.vast", "{program:", "{other:"),
+        bed.replace("x.vast", "sut.program", "sut.other"),
+    ),
     "oracle: a comment": add("judge.py"),
     "oracle: ends of lines": lambda bed: bed.file("judge.py").write_bytes(
         bed.file("judge.py").read_bytes().replace(b"\n", b"\r\n")
@@ -160,6 +164,8 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
         swap("x.vast", ASKED_JUDGE + ASKED_LOOK, ASKED_JUDGE.replace("5", "6")),
         JUDGED,
     ),
+    "config file: a parameter in the campaign": (swap("x.vast", "gain: 2", "gain: 3"), executed(RUNS)),
+    "config file: its other parameter": (swap("program.yaml", "other: 1", "other: 2"), executed(RUNS)),
     "program: its text": (add("program.py"), executed(RUNS)),
     "scenario: its text": (swap("drive.osc", "timeout(60s)", "timeout(50s)"), executed(RUNS)),
     "producer: code": (swap("own.py", "offset + self", "2 * offset + self"), EVALUATED),

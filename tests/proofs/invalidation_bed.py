@@ -26,12 +26,14 @@ configuration:
   - name: room
     parameters:
       - base: 1
+      - sut.program.gain: 2
     variations:
       - own.py:Own: {map_file: maps/room.yaml, factor: 2}
 execution:
   scenario_file: drive.osc
   run_files:
     - program.py
+  config_files: {program: program.yaml}
   runs: 2
   timeout: 60
 evaluation:
@@ -87,6 +89,7 @@ scenario drive:
     do serial:
         run_process("python3 program.py " + value)
 """,
+    "program.yaml": "gain: 1\nother: 1\n",
     "program.py": """import sys
 with open("LOG.executed", "a") as log:
     log.write("x\\n")
