@@ -12,6 +12,7 @@ from vastflow.flows.request.campaign_file import recorded_keys
 from vastflow.flows.results.provenance import campaign_changes
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.evidence.evidence import headline_of
+from vastflow.oracles.evidence.paired_metrics import MetricDifference, explanations, metric_differences, paired_values
 from vastflow.oracles.evidence.pairing import Pairing, pairing_of
 from vastflow.oracles.evidence.varied import varied_rows
 from vastflow.oracles.results.executed import KeptFiles, environment_names
@@ -29,11 +30,16 @@ from vastflow.oracles.statistics.comparison import (
     difference,
 )
 from vastflow.oracles.statistics.intervals import needed
+from vastflow.oracles.statistics.measured import MetricEffect
 from vastflow.producers.campaign_file.document import Document, read_document
 from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.nodes import nodes_of
 from vastflow.sim.system.keys import FILE_KEY
 from vastflow.sim.system.system import system_kind
+
+DRIVER, BUILT_IN = "driver", "the built-in stack"
+"""The name under which configurations differ where nodes drive one of two, and its value where none do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +70,11 @@ def differences(before: Tables, after: Tables, pairing: Pairing) -> list[Differe
     for match in pairing.matches:
         if match.how == "other system":
             old, new = then.given(match.before), now.given(match.after)
-            each = ((name, old.get(name, Given()), new.get(name, Given())) for name in dict.fromkeys((*old, *new)))
+            names = [*dict.fromkeys((*old, *new))]
+            drivers = {old[DRIVER].value, new[DRIVER].value}
+            if len(drivers) == 2 and BUILT_IN in drivers:  # one line says it, in place of thirty
+                names = [name for name in names if not name.startswith("programs.")]
+            each = ((name, old.get(name, Given()), new.get(name, Given())) for name in names)
             counts.update(one for one in each if one[1].value != one[2].value)
     return [Difference(*each, n) for each, n in counts.items()]
 
@@ -94,6 +104,8 @@ class _Side:
             }
             if of_file:
                 del found[f"{FILE_KEY}.file"]  # its parameters say more than its digest
+            nodes = (parts.get("programs") or {}).get("nodes")
+            found[DRIVER] = Given(nodes_of(nodes).words if nodes else BUILT_IN)
             self._known[text] = found
         return self._known[text]
 
@@ -248,6 +260,7 @@ class Compared:
         whole: The difference over all pairs; `oracles` has it by oracle, `levels` by levels of the candidate's factors.
         changes: Configurations with changed outcomes, the most certain first.
         differences: Parameters that differ between paired configurations; `campaign_differences` are sentences on the rest.
+        metrics: What oracles measure, where both runs reached their goals; `explained` has the factors that change its difference.
         headlines: Headlines of the baseline and of the candidate, each of all its runs.
     """
 
@@ -263,6 +276,8 @@ class Compared:
     differences: Sequence[Difference]
     campaign_differences: Sequence[str]
     headlines: tuple[str, str]
+    metrics: Sequence[MetricDifference]
+    explained: Sequence[MetricEffect]
 
     def shown(self, *, worse: bool) -> list[Change]:
         """Return the configurations that newly fail, or newly pass."""
@@ -299,6 +314,7 @@ def compared(
     same_keys = recorded_keys(before.metadata) == recorded_keys(after.metadata) and all(
         checked[0][match.before] == checked[1][match.after] for match in pairing.matches
     )
+    values = paired_values(before, after, pairing)
     return Compared(
         before=before,
         after=after,
@@ -312,6 +328,8 @@ def compared(
         differences=differences(before, after, pairing),
         campaign_differences=campaign_changes(before.metadata, after.metadata, before.directory),
         headlines=(headline_of(before).text, headline_of(after).text),
+        metrics=metric_differences(values, pairing, target),
+        explained=explanations(values, after, pairing, maps),
     )
 
 

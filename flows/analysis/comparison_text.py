@@ -34,6 +34,7 @@ def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[Render
     not_judged = len(found.pairing.configuration) - pairs
     lost = f", {not_judged:,} more not judged both times" if not_judged else ""
     paired = f"{count_text(len(matches), 'configuration')} paired ({how}), {count_text(pairs, 'pair')} of runs{lost}"
+    paired += f", {pairs - found.whole.lost - found.whole.gained:,} of them with the same verdict"
     yield from ("", Text(paired))
     for line in _unpaired(found):
         yield Text(line, "yellow")
@@ -51,6 +52,10 @@ def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[Render
         yield from _changes(found, title, others, MOST_NAMES)
     if found.levels:
         yield from ("", _levels(found))
+    if found.metrics:
+        yield from ("", _metrics(found))
+    if found.explained:
+        yield from ("", _explained(found))
     if drawn:
         folder = next(iter(drawn.values())).parent
         yield from ("", Text(f"{count_text(len(drawn), 'picture')} of the most changed: {folder}"))
@@ -97,6 +102,8 @@ def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
             {"factor": one.factor, "level": one.level, **asdict(one.difference), "adjusted": one.adjusted}
             for one in found.levels
         ],
+        "metrics": [asdict(one) for one in found.metrics],
+        "explained": [asdict(one) for one in found.explained],
         "gate": {
             "target": found.gate.target,
             "status": found.gate.status,
@@ -188,6 +195,35 @@ def _levels(found: Compared) -> Table:
     ]
     numbers = ("pairs", "A", "B", "difference", "95 %", "adjusted p")
     return terminal_table(("factor", "level"), numbers, rows=rows)
+
+
+def _metrics(found: Compared) -> Table:
+    rows = [
+        (
+            f"{one.metric} ({one.unit})" if one.unit != "1" else one.metric,
+            f"{one.pairs:,}",
+            f"{one.equal:,}",
+            f"{one.before:.3g}",
+            f"{one.after:.3g}",
+            f"{one.difference:+.3g}",
+            "–" if one.interval is None else f"{one.interval[0]:+.3g} to {one.interval[1]:+.3g}",
+            _p(one.adjusted),
+            f"{one.most} {one.most_difference:+.3g}" if one.equal < one.pairs else "–",
+        )
+        for one in found.metrics
+    ]
+    numbers = ("pairs", "equal", "A", "B", "difference", f"95 %, {found.gate.target}", "adjusted p", "most in")
+    return terminal_table(("where both reached the goal",), numbers, rows=rows)
+
+
+def _explained(found: Compared) -> Table:
+    """Return the table of what changes a difference, with the mean of B less A at each level."""
+    rows = []
+    for one in found.explained[:MOST_LEVELS]:
+        levels = (f"{level}: {mean:+.3g}" for level, mean in zip(one.levels, one.means, strict=True))
+        rows.append((one.name, one.metric, ", ".join(levels), _p(one.these.adjusted), _p(one.others.adjusted)))
+    names = ("factor", "changes the difference in", "B less A at each level")
+    return terminal_table(names, ("p, these", "p, others"), rows=rows)
 
 
 def _p(value: float | None) -> str:

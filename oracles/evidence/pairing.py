@@ -41,6 +41,7 @@ class Pairing:
         block: (M,) unit of each match, see `Units`.
         configuration: (P,) index into `matches`.
         run_before, run_after: (P,) run index.
+        row_before, row_after: (P,) row in each campaign's table of verdicts.
         said_before, said_after: (P, oracles) codes of judgments.
     """
 
@@ -56,6 +57,8 @@ class Pairing:
     configuration: NDArray[np.int64] = field(repr=False)
     run_before: NDArray[np.int64] = field(repr=False)
     run_after: NDArray[np.int64] = field(repr=False)
+    row_before: NDArray[np.int64] = field(repr=False)
+    row_after: NDArray[np.int64] = field(repr=False)
     said_before: NDArray[np.int8] = field(repr=False)
     said_after: NDArray[np.int8] = field(repr=False)
 
@@ -114,6 +117,7 @@ def pairing_of(before: Tables, after: Tables) -> Pairing:
     common = then.merge(now, on=["match", "seed"], suffixes=("_before", "_after"))
     sides = ((then, now, common["run_index_before"]), (now, then, common["run_index_after"]))
     paired = common.dropna(subset=["row_before", "row_after"]).sort_values("match", kind="stable")
+    row_before, row_after = (paired[name].to_numpy(np.int64) for name in ("row_before", "row_after"))
     return Pairing(
         matches=tuple(matches),
         only_before=_others(before, {match.before for match in matches}),
@@ -127,8 +131,10 @@ def pairing_of(before: Tables, after: Tables) -> Pairing:
         configuration=paired["match"].to_numpy(np.int64),
         run_before=paired["run_index_before"].to_numpy(np.int64),
         run_after=paired["run_index_after"].to_numpy(np.int64),
-        said_before=said_before[paired["row_before"].to_numpy(np.int64)],
-        said_after=said_after[paired["row_after"].to_numpy(np.int64)],
+        row_before=row_before,
+        row_after=row_after,
+        said_before=said_before[row_before],
+        said_after=said_after[row_after],
     )
 
 

@@ -142,7 +142,7 @@ def _effect(
         len(by_set),
         int((by_set[:, high] > by_set[:, low]).sum()),
         situations,
-        _interval(apart, error / math.comb(len(levels), 2)),
+        interval_of_mean(apart, error / math.comb(len(levels), 2)),
         Claim(permuted(rows, numbers)),
         Claim(permuted(by_unit, numbers), least=math.factorial(len(levels)) ** (1.0 - situations)),
     )
@@ -153,7 +153,8 @@ def _means(table: Floats, groups: Codes) -> Floats:
     return means_of(table.reshape(-1), np.repeat(groups, levels), np.tile(np.arange(levels), rows), levels)
 
 
-def _interval(values: Floats, error: float) -> tuple[float, float] | None:
+def interval_of_mean(values: Floats, error: float) -> tuple[float, float] | None:
+    """Return Student's interval of a mean, which misses it with a probability of `error`; None for a single value."""
     from scipy.special import stdtrit
 
     if (n := len(values)) < 2:

@@ -2,8 +2,11 @@
 
 import hashlib
 import json
+from dataclasses import replace
+from itertools import product
 from xml.etree import ElementTree
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -15,6 +18,8 @@ from typer.testing import CliRunner
 from vastflow.flows.cli.__main__ import app
 from vastflow.flows.results.provenance import STAGES
 from vastflow.oracles.results.schema import RUNS
+from vastflow.sim.model.nodes import NodeProcess, Nodes
+from vastflow.sim.model.scenario import ProcessSetup
 
 
 def compared(*arguments):
@@ -248,6 +253,72 @@ def test_compare_pairs_configurations_by_name_or_content_and_runs_by_seed(tmp_pa
         for key in path.split("."):
             part = part[int(key) if key.isdigit() else key]
         assert part == value, path
+
+
+THREE = {
+    f"c{path}-{noise}{drop}{clutter}": (path, {"noise": noise, "drop": drop, "clutter": clutter}, "ppp")
+    for path, noise, drop, clutter in product(range(8), (0, 1), (0, 1), (0, 1))
+}
+
+
+def times(seed, planted):
+    """Return times (s) by configuration and run, longer by what `planted` says for noise, dropout, and clutter."""
+    rng = np.random.default_rng(seed)
+
+    def time_s(name, _):
+        return 10.0 + int(name[1]) + rng.normal(0.0, 0.5) + planted(*map(int, name[3:]))
+
+    return time_s
+
+
+def test_compare_attributes_a_difference_to_the_factor_that_it_was_planted_by(tmp_path):
+    before = write(tmp_path / "a", THREE, system_key=None, time_s=times(1, lambda noise, drop, clutter: 3.0 * clutter))
+    after = {name: (*rest, "fff" if name.endswith("1") else "ppp") for name, (*rest, _) in THREE.items()}
+    slow = times(2, lambda noise, drop, clutter: 3.0 * clutter + 4.0 * noise)
+    found = as_json(before, write(tmp_path / "b", after, system_key=None, time_s=slow))
+    (time,) = found["metrics"]
+    assert (time["metric"], time["pairs"], time["equal"]) == ("time", 96, 0)  # the others failed in B
+    assert time["interval"][0] < time["difference"] == pytest.approx(2.0, abs=0.3) and time["adjusted"] < 1e-3
+    assert time["most"][3] == "1" and time["most_difference"] == pytest.approx(4.0, abs=1.0)
+    explained = [
+        (one["name"], one["metric"], one["these"]["shown"], one["others"]["shown"]) for one in found["explained"]
+    ]
+    assert sorted(explained) == [("clutter", "passing", True, True), ("noise", "time", True, True)]
+    means = {one["name"]: one["means"] for one in found["explained"]}
+    assert means["clutter"] == [0.0, -1.0] and means["noise"] == pytest.approx([0.0, 4.0], abs=0.3)
+    text = compared(before, tmp_path / "b", "--target", "others").stdout
+    assert "where both reached the goal  pairs  equal" in text and "95 %, others" in text
+    assert "clutter  passing                    0: +0, 1: -1" in text
+
+
+def test_compare_explains_nothing_where_nothing_was_planted(tmp_path):
+    before, after = (write(tmp_path / str(k), THREE, system_key=None, time_s=times(k, lambda *_: 0.0)) for k in (3, 4))
+    found = as_json(before, after)
+    assert found["explained"] == [] and found["metrics"][0]["adjusted"] > 0.05
+    alike = as_json(before, before)["metrics"][0]
+    assert (alike["equal"], alike["difference"], alike["interval"], alike["adjusted"]) == (192, 0.0, [0.0, 0.0], 1.0)
+    assert "192 pairs of runs, 192 of them with the same verdict" in compared(before, before).stdout
+
+
+def test_compare_takes_each_path_once_for_others(tmp_path):
+    some = {f"c{k}": (k, 0, "pppp") for k in range(2)}
+    times_s = {"c0": [1.0, 1.0, 1.0, 1.0], "c1": [5.0, 5.0, 5.0, 5.0]}
+    before = write(tmp_path / "a", some, time_s=lambda name, k: 1.0)
+    after = write(tmp_path / "b", {**some, "c0": (0, 0, "pfff")}, time_s=lambda name, k: times_s[name][k])
+    means = {target: as_json(before, after, "--target", target)["metrics"][0] for target in ("these", "others")}
+    assert (means["these"]["after"], means["others"]["after"]) == (pytest.approx(4.2), 3.0)
+    assert means["others"]["interval"] == pytest.approx([2.0 - 12.706 * 2.0, 2.0 + 12.706 * 2.0], rel=1e-3)
+
+
+def test_compare_names_the_nodes_that_drive_one_of_two_campaigns(tmp_path):
+    nodes = Nodes((NodeProcess("follower", ("python3", "follower.py")),))
+    driven = write(tmp_path / "b", ALIKE, programs=ProcessSetup(nodes=nodes).content)
+    text = compared(write(tmp_path / "a", ALIKE), driven).stdout
+    assert "differs: driver: the built-in stack → follower; in lock step, 12 configurations" in text
+    assert "programs." not in text
+    paced = ProcessSetup(nodes=replace(nodes, time="paced")).content
+    text = compared(driven, write(tmp_path / "c", ALIKE, programs=paced)).stdout
+    assert "differs: programs.nodes.time: lock_step → paced, 12 configurations" in text
 
 
 def test_compare_counts_common_oracles_or_a_selected_one(tmp_path):

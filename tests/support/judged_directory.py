@@ -27,24 +27,34 @@ def write(
     created="2026-11-22T06:00:00",
     system_key="noise",
     differ="goal",
+    time_s=None,
+    programs=None,
 ):
     """A campaign directory without recordings: task, system, and a letter for each run: p, f, or n for not judged.
 
-    Tasks are goals that `differ`, on one map or on none, or one goal on maps that do."""
+    Tasks are goals that `differ`, on one map or on none, or one goal on maps that do. A system is the value of `system_key`, or without it values by key;
+    `time_s` gives the time of a configuration's run by name and index, and `programs` is the setup of all."""
     folder.mkdir(parents=True)
     rows, runs, verdicts = [], [], []
     for name, (task, system, said) in configurations.items():
         place = {} if differ == "goal" else {"map_file": {"file": f"{task if differ == 'map' else 0}"}}
-        content = {"environment": place, "task": {"goal": task * (differ != "map")}, "system": {system_key: system}}
+        content = {
+            "environment": place,
+            "task": {"goal": task * (differ != "map")},
+            "system": {system_key: system} if system_key else system,
+        }
+        content |= {"programs": programs} if programs else {}
         row = {"name": name, "family": "f", "provenance": "{}"}
-        row |= dict.fromkeys(("scenario_digest", "checked_digest"), f"{task} {system}")
+        row |= dict.fromkeys(("scenario_digest", "checked_digest"), f"{task} {system}{programs or ''}")
         row |= {"abstract": "builtin:navigate_to_pose", "scenario": json.dumps(content)}
-        rows.append({**row, "factors": json.dumps({"noise": system})})
+        rows.append({**row, "factors": json.dumps({"noise": system} if system_key else system)})
         for k, letter in enumerate(said):
             runs.append({"configuration": name, "run_index": k, "seed": f"{seed}{task}-{k}"})
             for oracle in oracles:
                 judgment = {"p": "pass", "f": "fail", "n": "not judged"}[letter]
-                verdict = {"configuration": name, "family": "f", "run_index": k, "oracle": oracle, "metrics": "{}"}
+                verdict = {"configuration": name, "family": "f", "run_index": k, "oracle": oracle}
+                metrics = {} if time_s is None else {"time": {"value": time_s(name, k), "unit": "s"}}
+                verdict["metrics"] = json.dumps(metrics)
                 verdicts.append({**verdict, "judgment": judgment, "reason": ""})
     tables = {"configurations": (rows, CONFIGURATIONS), "runs": (runs, RUNS)}
     tables |= {"verdicts": (verdicts, VERDICTS), "rejections": ([], REJECTIONS)}
