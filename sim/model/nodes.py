@@ -24,6 +24,8 @@ ACTIONS: Final[Mapping[str, str]] = {
     name: f"/{name}" for name in ("navigate_to_pose", "navigate_through_poses", "follow_waypoints")
 }
 RECORDED: Final = ("/plan", "/local_costmap/costmap", "/global_costmap/costmap", "/cmd_vel", "/amcl_pose")
+MESSAGES: Final = "ros2"
+"""Folder of a run's outputs: `messages.csv` has time, topic, type, and size of each recorded message, `messages.cdr` their contents."""
 
 Readiness: TypeAlias = Literal["topic", "action", "node", "log", "port", ""]
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.model.elementary import cos_sin, hypot
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.model.nodes import Nodes
+from vastflow.sim.model.nodes import MESSAGES, Nodes
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S, ticks_of
 from vastflow.sim.model.scenario import Mission
@@ -24,8 +24,6 @@ LATE_S: Final = TICK_S / 2.0
 SPARE_S: Final = 30.0
 """Host time for the bridge beyond what nodes may take."""
 MOST_LINES: Final = 1000
-MESSAGES: Final = "ros2"
-"""Folder of a run's outputs: `messages.csv` has time, topic, type, and size of each recorded message, `messages.cdr` their contents."""
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,9 +23,11 @@ from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.nodes import Nodes
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event
+from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.model.shape import Box
 from vastflow.sim.nav2.navigator.state import RECOVERIES
 from vastflow.sim.replay import Patch
@@ -302,7 +305,6 @@ def test_costmaps_have_the_walls_at_their_places(messages):
 
 
 def test_bag_of_a_run_that_comes_out_otherwise_has_the_recorded_part_alone(recorded, tmp_path, monkeypatch):
-    from dataclasses import replace
 
     changed = dict(recorded.recording.columns)
     changed["x_mm"] = changed["x_mm"] + 1
@@ -357,6 +359,60 @@ def test_command_names_the_runs_that_there_are(results, tmp_path):
     assert refused("export", results, tmp_path / "out", "--only", "room-1/7").endswith(
         "no run of room-1 matches 'room-1/7'"
     )
+
+
+@pytest.fixture
+def published():
+    """Messages of nodes: time (ns), topic, type, and bytes; the last one is of a type of their own."""
+    store = typestore()
+    types = store.types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 50_000_000), "map")
+    none = types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    twist = types["geometry_msgs/msg/Twist"](types["geometry_msgs/msg/Vector3"](0.25, 0.0, 0.0), none)
+    told = [
+        (100_000_000, "/plan", types["nav_msgs/msg/Path"](header, [])),
+        (50_000_000, "/cmd_vel", types["geometry_msgs/msg/TwistStamped"](header, twist)),
+        (100_000_000, "/cmd_vel", types["geometry_msgs/msg/TwistStamped"](header, twist)),
+        (50_000_000, "/my_speed", types["std_msgs/msg/Float64"](0.5)),
+    ]
+    kinds = [(*each, each[-1].__msgtype__) for each in told]
+    messages = [(t_ns, topic, kind, bytes(store.serialize_cdr(each, kind))) for t_ns, topic, each, kind in kinds]
+    return [*messages, (50_000_000, "/grip", "my_msgs/msg/Grip", b"\0\1\0\0\7")]
+
+
+@pytest.fixture
+def driven_bag(recorded, published, tmp_path):
+    rows = [f"{t_ns},{topic},{kind},{len(content)}\n" for t_ns, topic, kind, content in published]
+    outputs = {
+        "ros2/messages.csv": "".join(["t_ns,topic,type,bytes\n", *rows]).encode(),
+        "ros2/messages.cdr": b"".join(content for *_, content in published),
+    }
+    scenario = replace(recorded.scenario, programs=ProcessSetup(nodes=Nodes()))
+    for name, content in bag_of(replace(recorded, scenario=scenario), outputs=outputs).items():
+        (tmp_path / name).write_bytes(content)
+    return tmp_path
+
+
+def test_bag_has_the_bytes_that_nodes_published_in_place_of_the_recordings_commands(driven_bag, published):
+    known = sorted((t_ns, topic, content) for t_ns, topic, _, content in published if topic != "/grip")
+    topics = {topic for _, topic, _ in known}
+    with (driven_bag / "rosbag2.mcap").open("rb") as file:
+        found = [(c.topic, s.name, m) for s, c, m in make_reader(file).iter_messages()]
+    assert sorted((m.log_time, topic, m.data) for topic, _, m in found if topic in topics) == known
+    assert {name for topic, name, _ in found if topic == "/cmd_vel"} == {"geometry_msgs/msg/TwistStamped"}
+    with AnyReader([driven_bag]) as bag:
+        chosen = [each for each in bag.connections if each.topic in topics]
+        assert sorted((t_ns, c.topic, bytes(raw)) for c, t_ns, raw in bag.messages(chosen)) == known
+    speeds = [message.twist.linear.x for _, message in of(read(driven_bag), "/cmd_vel")]
+    assert speeds == [0.25, 0.25]
+
+
+def test_bag_leaves_out_messages_whose_definition_is_not_known_and_says_so(driven_bag):
+    words = "no definition is known of /grip (my_msgs/msg/Grip)"
+    told = yaml.safe_load((driven_bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert words in told["custom_data"]["executed_again"]
+    assert "/grip" not in {each["topic_metadata"]["name"] for each in told["topics_with_message_count"]}
+    assert words in [message.msg for _, message in of(read(driven_bag), "/rosout")]
 
 
 def test_exported_twice_is_the_same(recorded):

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from vastflow.flows.export.mcap.topics import TOPICS, offered, typestore
+from vastflow.flows.export.mcap.topics import TOPICS, Topic, offered, typestore
 
 NAME: Final = "rosbag2"
 """Name of the directory and of the file in it."""
@@ -21,7 +21,7 @@ class Bag:
 
     def __init__(self, without: Collection[str] = ()) -> None:
         self._without = without
-        self._messages: list[tuple[int, int, int, str, bytes]] = []
+        self._messages: list[tuple[int, int, int, str, str, bytes]] = []
         self._store = typestore()
         self._fields = cache(self._fields_of)
 
@@ -34,8 +34,16 @@ class Bag:
         if topic in self._without:
             return
         kind = TOPICS[topic].kind
-        content = bytes(self._store.serialize_cdr(self._message(kind, values), kind))
-        self._messages.append((t_ns, _RANK[topic], len(self._messages), topic, content))
+        self._append(topic, kind, t_ns, bytes(self._store.serialize_cdr(self._message(kind, values), kind)))
+
+    def add_recorded(self, topic: str, kind: str, t_ns: int, content: bytes) -> bool:
+        """Add a serialized message that a node published; False for a type whose definition is not known."""
+        if is_known := kind in self._store.types:
+            self._append(topic, kind, t_ns, content)
+        return is_known
+
+    def _append(self, topic: str, kind: str, t_ns: int, content: bytes) -> None:
+        self._messages.append((t_ns, _RANK.get(topic, len(_RANK)), len(self._messages), topic, kind, content))
 
     def _message(self, kind: str, values: Mapping[str, Any]) -> Any:
         made = []
@@ -83,16 +91,15 @@ class Bag:
             for key, text in about.items():
                 writer.set_custom_data(key, text)
             with writer:
-                used = {topic for *_, topic, _ in self._messages}
+                used = sorted({(rank, topic, kind) for _, rank, _, topic, kind, _ in self._messages})
                 connections = {
-                    name: writer.add_connection(
-                        name, topic.kind, typestore=self._store, offered_qos_profiles=[offered(topic)]
+                    (name, kind): writer.add_connection(
+                        name, kind, typestore=self._store, offered_qos_profiles=[offered(TOPICS.get(name, Topic(kind)))]
                     )
-                    for name, topic in TOPICS.items()
-                    if name in used
+                    for _, name, kind in used
                 }
-                for t_ns, _, _, topic, content in sorted(self._messages):
-                    writer.write(connections[topic], t_ns, content)
+                for t_ns, _, _, *of, content in sorted(self._messages):
+                    writer.write(connections[of[0], of[1]], t_ns, content)
             description = place / "metadata.yaml"
             told = yaml.safe_load(description.read_text(encoding="utf-8"))
             told["rosbag2_bagfile_information"]["ros_distro"] = "jazzy"  # of the types; the writer can't say it

@@ -1,6 +1,8 @@
 """The format `mcap`: each run as a bag of ROS 2 for Foxglove, RViz, and `ros2 bag`."""
 
+import io
 from collections.abc import Collection, Iterator, Mapping
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -15,6 +17,7 @@ from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import signals_of
 from vastflow.oracles.replay.recorded import RecordedRun
+from vastflow.sim.model.nodes import MESSAGES
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.reading.checked import checked_of
@@ -49,22 +52,29 @@ class Mcap(Format):
         for each in campaign.configurations:
             for exported in each.runs:
                 if exported.recorded and exported.read is not None:
-                    for name, content in bag_of(exported.read()).items():
+                    for name, content in bag_of(exported.read(), outputs=exported.outputs).items():
                         yield f"{each.name}/{exported.run_index}/{NAME}/{name}", content
 
 
-def bag_of(recorded: RecordedRun, without: Collection[str] = ()) -> dict[str, bytes]:
+def bag_of(
+    recorded: RecordedRun, without: Collection[str] = (), outputs: Mapping[str, bytes] = MappingProxyType({})
+) -> dict[str, bytes]:
     """Return the files of a run's bag by their names.
 
     Args:
         without: Topics that are left out.
+        outputs: Files of its programs, of which messages of nodes are told in place of what this version knows of their topics.
 
     Raises:
+        ValueError: the recorded messages are damaged.
         UserError: the extra `ros` is not installed.
     """
     scenario, recording = recorded.scenario, recorded.recording
     situation, world = situation_of(scenario), world_of(scenario.environment)
     lidar = system_of(scenario.system, is_drawn=True).lidar
+    programs = scenario.programs
+    published = [] if programs is None or programs.nodes is None else _messages(outputs)
+    without = {*without, *(topic for _, topic, *_ in published)}
     told = RunBag(without)
     missing = _execute(told, recorded, lidar)
     if missing:
@@ -74,6 +84,10 @@ def bag_of(recorded: RecordedRun, without: Collection[str] = ()) -> dict[str, by
     told.begins(world.map if world else None, lidar, situation.start)
     tracks = obstacle_tracks_of(situation, recording.run, signals_of(recording.columns))
     told.surroundings(tracks, recording.run.events, int(recording.columns["t_ms"][-1]))
+    unknown = {f"{each[1]} ({each[2]})" for each in published if not told.add_recorded(*each[1:3], each[0], each[3])}
+    if unknown:
+        told.says(0, left_out := f"no definition is known of {', '.join(sorted(unknown))}", WARN)
+        missing += f"; {left_out}"
     about = {
         "campaign": str(recorded.metadata["name"]),
         "run": f"{recorded.configuration}/{recording.run.run_index}",
@@ -84,6 +98,14 @@ def bag_of(recorded: RecordedRun, without: Collection[str] = ()) -> dict[str, by
         "executed_again": missing or "equal to the recording bit for bit",
     }
     return told.files(about)
+
+
+def _messages(outputs: Mapping[str, bytes]) -> list[tuple[int, str, str, bytes]]:
+    """Return time (ns), topic, type, and content of each message that nodes published."""
+    content = io.BytesIO(outputs.get(f"{MESSAGES}/messages.cdr", b""))
+    lines = outputs.get(f"{MESSAGES}/messages.csv", b"").decode().splitlines()[1:]
+    rows = (line.split(",") for line in lines)
+    return [(int(t_ns), topic, kind, content.read(int(size))) for t_ns, topic, kind, size in rows]
 
 
 def _execute(told: RunBag, recorded: RecordedRun, lidar: Lidar) -> str:
