@@ -1,7 +1,7 @@
 """The bridge: a node of ROS 2 between the simulated robot and the nodes under test.
 
 Executed as a file by the Python of a ROS 2 installation, `bridge.py SOCKET`, on this machine or in a container: it imports the standard library,
-rclpy, and the file beside it. It connects to a UNIX socket, on which each message is its length (4 bytes, big-endian), a JSON object, and as many raw bytes as
+rclpy, and the files beside it. It connects to a UNIX socket, on which each message is its length (4 bytes, big-endian), a JSON object, and as many raw bytes as
 the object's `bytes` says. It gets the setup, then a message for each tick of the simulation, and answers each: it publishes, lets nodes
 answer, and tells what they published.
 """
@@ -9,23 +9,28 @@ answer, and tells what they published.
 import array
 import math
 import socket
+import struct
 import sys
 import time
 from collections.abc import Callable
 from typing import Any
 
 from bridge_messages import Problem, imported, is_there, place, receive, send, yaw_of
+from bridge_missions import Missions
 
 MOST_CALLBACKS = 2000
 """Callbacks in a tick of the simulation, so that a topic that is flooded holds nobody up."""
 MOST_RECORDED_BYTES = 16 << 20
 """Bytes that are recorded in a tick."""
 QUIET_S = 0.5
-"""Time without a change of the graph after which nodes have found each other."""
+"""Time without a change of the graph after which nodes have found each other, and without an answer after which late ones have come."""
+REPEAT_S = 1.0
+AT_ONCE_S = 1e-6
+"""An executor that waits for no time at all ends after one message of each topic, as if that were all."""
 
 
 class Bridge:
-    """Publishers, subscriptions, and action clients of the node, as the setup asks for them."""
+    """Publishers and subscriptions of the node, as the setup asks for them."""
 
     def __init__(self, setup: dict[str, Any], map_cells: bytes) -> None:
         import rclpy
@@ -35,11 +40,10 @@ class Bridge:
         self.setup = setup
         self.topics, self.frames = setup["topics"], setup["frames"]
         rclpy.init(args=None)
-        self.node = rclpy.create_node("vastflow_bridge")
+        self.node = rclpy.create_node("vastflow_bridge", enable_rosout=False, start_parameter_services=False)
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
-        self.callbacks = 0
-        self.now_ns = 0
+        self.now_ns = self.scan_ns = 0
         self.command: list[float] | None = None
         self.commands = self.answers = 0
         self.estimate: list[float] | None = None
@@ -49,9 +53,7 @@ class Bridge:
         self.log: list[list[Any]] = []
         self.recorded: list[tuple[int, str, str, bytes]] = []
         self.recorded_bytes = self.dropped = 0
-        self.mission: dict[str, Any] = {"state": "", "code": 0, "message": "", "recoveries": 0, "missed": 0}
-        self.goal_handle: Any = None
-        self.clients: dict[str, Any] = {}
+        self.missions = Missions(self.node, setup["actions"], self._until)
 
         def qos(depth: int, *, best_effort: bool = False, latched: bool = False) -> Any:
             return QoSProfile(
@@ -61,9 +63,13 @@ class Bridge:
             )
 
         def publisher(role: str, kind: str, profile: Any) -> Any:
-            return self.node.create_publisher(imported(kind), self.topics[role], profile)
+            made = self.node.create_publisher(imported(kind), self.topics[role], profile)
+            self.published.append(made)
+            return made
 
-        self.latched = qos(1, latched=True)
+        self.published: list[Any] = []
+        self.watched: dict[str, Any] = {}
+        latched = qos(1, latched=True)
         self.clock = publisher("clock", "rosgraph_msgs/msg/Clock", qos(1, best_effort=True))
         self.odometry = publisher("odom", "nav_msgs/msg/Odometry", qos(10))
         self.scan = publisher("scan", "sensor_msgs/msg/LaserScan", qos(5, best_effort=True))
@@ -72,36 +78,58 @@ class Bridge:
         self.has_tf = is_there("tf2_msgs/msg/TFMessage")
         if self.has_tf:
             self.tf = publisher("tf", "tf2_msgs/msg/TFMessage", qos(100))
-            self.tf_static = publisher("tf_static", "tf2_msgs/msg/TFMessage", self.latched)
+            self.tf_static = publisher("tf_static", "tf2_msgs/msg/TFMessage", latched)
             self._hear("tf", "tf2_msgs/msg/TFMessage", self._heard_tf, qos(100))
             self._publish_mount()
         if setup["map"]:
-            self.map = publisher("map", "nav_msgs/msg/OccupancyGrid", self.latched)
+            self.map = publisher("map", "nav_msgs/msg/OccupancyGrid", latched)
             self._publish_map(map_cells)
         kind = "geometry_msgs/msg/TwistStamped" if setup["stamped"] else "geometry_msgs/msg/Twist"
         self._hear("cmd_vel", kind, self._heard_command, qos(10))
-        self._hear("amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", self._heard_estimate, self.latched)
+        self._hear("amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", self._heard_estimate, qos(10))
         self._hear("rosout", "rcl_interfaces/msg/Log", self._heard_log, qos(1000))
-        self._watched: dict[str, Any] = {}
         self.ticks = self.scans = 0
+        self.late: set[int] = set()
         self.is_in_step = False
 
     def _hear(self, role: str, kind: str, callback: Callable[[Any], None], profile: Any) -> None:
-        def heard(message: Any) -> None:
-            self.callbacks += 1
-            callback(message)
+        self._subscribe(self.topics[role], kind, profile, callback)
 
-        self.node.create_subscription(imported(kind), self.topics[role], heard, profile)
+    def _subscribe(self, topic: str, kind: str, profile: Any, callback: Callable[[Any], None] | None = None) -> None:
+        """Have messages of a topic heard by a callback, recorded where that is asked for, and counted as answers."""
+        from rclpy.serialization import deserialize_message
+
+        read = imported(kind)
+        is_answer, is_recorded = topic == self.setup["answer"], topic in self.setup["record"]
+        has_stamp = next(iter(read.get_fields_and_field_types().values()), "") == "std_msgs/Header"
+
+        def heard(content: bytes) -> None:
+            if callback is not None:
+                callback(deserialize_message(content, read))
+            if is_answer:
+                byte_order = "<" if content[1] else ">"
+                seconds, rest_ns = struct.unpack_from(f"{byte_order}iI", content, 4) if has_stamp else (0, 0)
+                self._answered(seconds * 10**9 + rest_ns)
+            if not is_recorded:
+                return
+            if self.recorded_bytes + len(content) > MOST_RECORDED_BYTES:
+                self.dropped += 1
+                return
+            self.recorded_bytes += len(content)
+            self.recorded.append((self.now_ns, topic, kind, content))
+
+        self.watched[topic] = self.node.create_subscription(read, topic, heard, profile, raw=True)
 
     def _heard_command(self, message: Any) -> None:
         twist = getattr(message, "twist", message)
         self.command = [twist.linear.x, twist.linear.y, twist.angular.z]
         self.commands += 1
-        self._answered(self.topics["cmd_vel"])
 
-    def _answered(self, topic: str) -> None:
-        if topic == self.setup["answer"]:
+    def _answered(self, stamp_ns: int) -> None:
+        """Count an answer, unless its stamp is that of an earlier scan without one."""
+        if stamp_ns == 0 or stamp_ns not in self.late:  # 0 may be an empty stamp
             self.answers += 1
+            self.answered_s = time.monotonic()
 
     def _heard_estimate(self, message: Any) -> None:
         pose, cells = message.pose.pose, message.pose.covariance
@@ -118,7 +146,7 @@ class Bridge:
 
     def _heard_log(self, message: Any) -> None:
         level = int.from_bytes(message.level, "big") if isinstance(message.level, bytes) else message.level
-        if level >= 30 and message.name != self.node.get_name():
+        if level >= 30:
             self.log.append([level, message.name, message.msg])
 
     def watch(self) -> None:
@@ -126,9 +154,8 @@ class Bridge:
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
         kinds = {name: each[0] for name, each in self.node.get_topic_names_and_types()}
-        for topic in self.setup["record"]:
-            is_new = topic in kinds and topic not in self._watched
-            offers = self.node.get_publishers_info_by_topic(topic) if is_new else ()
+        for topic in sorted({*self.setup["record"], self.setup["answer"]} - {*self.watched}):
+            offers = self.node.get_publishers_info_by_topic(topic) if topic in kinds else ()
             if not offers or not is_there(kinds[topic]):
                 continue
             reliable = all(each.qos_profile.reliability == ReliabilityPolicy.RELIABLE for each in offers)
@@ -138,20 +165,7 @@ class Bridge:
                 reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
                 durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
             )
-
-            def heard(content: bytes, topic: str = topic, kind: str = kinds[topic]) -> None:
-                self.callbacks += 1
-                if topic != self.topics["cmd_vel"]:  # which is heard as a command already
-                    self._answered(topic)
-                if self.recorded_bytes + len(content) > MOST_RECORDED_BYTES:
-                    self.dropped += 1
-                    return
-                self.recorded_bytes += len(content)
-                self.recorded.append((self.now_ns, topic, kind, content))
-
-            self._watched[topic] = self.node.create_subscription(
-                imported(kinds[topic]), topic, heard, profile, raw=True
-            )
+            self._subscribe(topic, kinds[topic], profile)
 
     def _stamp(self, header: Any, frame: str) -> None:
         header.stamp.sec, header.stamp.nanosec = divmod(self.now_ns, 10**9)
@@ -196,65 +210,23 @@ class Bridge:
         self.initial.publish(message)
 
     def go(self, mission: dict[str, Any], wait_s: float) -> None:
-        """Send a mission by its action, or its goals by the topic, as the setup says."""
+        """Send a mission by its action, or its goal by the topic, when answers to earlier scans have come."""
+        self._hear_late_answers(QUIET_S)
         self.is_in_step = False
-        self.mission = {"state": "running", "code": 0, "message": "", "recoveries": 0, "missed": 0}
         poses = [self._pose_stamped(pose) for pose in mission["goals"]]
         if self.setup["mission"] == "topic":
+            self.missions.begin()
             self.goal.publish(poses[-1])
-            return
-        name = "".join(map(str.title, mission["kind"].split("_")))
-        kind = imported(f"nav2_msgs/action/{name}")
-        client = self._client(mission["kind"], kind)
-        if not self._until(client.server_is_ready, wait_s):
-            raise Problem(f"no action server {self.setup['actions'][mission['kind']]} within {wait_s:g} s")
-        goal = kind.Goal()
-        if name == "NavigateToPose":
-            goal.pose = poses[0]
-        elif hasattr(goal.poses, "goals"):  # nav_msgs/Goals since Kilted
-            goal.poses.goals = poses
         else:
-            goal.poses = poses
-        if name == "FollowWaypoints":
-            goal.number_of_loops = mission["loops"]
-        future = client.send_goal_async(goal, feedback_callback=self._heard_feedback)
-        if not self._until(future.done, wait_s):
-            raise Problem(f"{self.setup['actions'][mission['kind']]} did not answer the goal within {wait_s:g} s")
-        self.goal_handle = future.result()
-        if not self.goal_handle.accepted:
-            self.mission |= {"state": "rejected", "message": "the action server rejected the goal"}
-            return
-        sent = self.goal_handle
-        self.goal_handle.get_result_async().add_done_callback(lambda done: self._ended(sent, done.result()))
+            self.missions.send(mission["kind"], poses, mission["loops"], wait_s)
+        self._deliver(wait_s)
 
-    def _client(self, kind: str, action: Any) -> Any:
-        from rclpy.action import ActionClient
+    def _deliver(self, wait_s: float) -> None:
+        """Wait until nodes have received what was published reliably, so that no later scan overtakes it."""
+        from rclpy.duration import Duration
 
-        if kind not in self.clients:
-            self.clients[kind] = ActionClient(self.node, action, self.setup["actions"][kind])
-        return self.clients[kind]
-
-    def _heard_feedback(self, message: Any) -> None:
-        self.callbacks += 1
-        told = getattr(message.feedback, "number_of_recoveries", 0)
-        self.mission["recoveries"] = max(self.mission["recoveries"], told)
-
-    def _ended(self, sent: Any, answer: Any) -> None:
-        self.callbacks += 1
-        if sent is not self.goal_handle:
-            return
-        result = answer.result
-        self.mission |= {
-            "state": {4: "succeeded", 5: "canceled", 6: "aborted"}.get(answer.status, "aborted"),
-            "code": int(getattr(result, "error_code", 0)),
-            "message": str(getattr(result, "error_msg", "")),
-            "missed": len(getattr(result, "missed_waypoints", ())),
-        }
-
-    def cancel(self) -> None:
-        if self.goal_handle is not None and self.mission["state"] == "running":
-            self.goal_handle.cancel_goal_async()
-        self.goal_handle, self.mission["state"] = None, ""
+        for each in self.published:
+            each.wait_for_all_acked(Duration(seconds=wait_s))
 
     def _until(self, is_met: Callable[[], bool], wait_s: float) -> bool:
         """Let callbacks run until a condition is met; return False after `wait_s` of host time."""
@@ -263,19 +235,39 @@ class Bridge:
             left_s = until_s - time.monotonic()
             if left_s <= 0.0:
                 return False
-            self.executor.spin_once(timeout_sec=min(left_s, 0.1))
+            self._run(min(left_s, 0.1))
+        return True
+
+    def _run(self, within_s: float) -> bool:
+        """Run the next callback that is due, and return whether there was one in time."""
+        from rclpy.executors import TimeoutException
+
+        try:
+            handler, *_ = self.executor.wait_for_ready_callbacks(timeout_sec=within_s)
+        except TimeoutException:
+            return False
+        handler()
+        if handler.exception() is not None:
+            raise handler.exception()
         return True
 
     def drain(self) -> None:
         """Run the callbacks that are due."""
         for _ in range(MOST_CALLBACKS):
-            before = self.callbacks
-            self.executor.spin_once(timeout_sec=0)
-            if self.callbacks == before:
+            if not self._run(AT_ONCE_S):
                 return
 
     def tick(self, message: dict[str, Any], ranges: bytes) -> bool:
+        """Publish a state of the simulation, and return whether nodes answered its scan where that is awaited."""
+        if ranges:
+            self.drain()  # what came before is no answer to the scan
+            if self.answers < self.scans:
+                self.late.add(self.scan_ns)
+            if message["await"]:
+                self.scans = self.answers
         self.now_ns = message["t_ns"]
+        if message.get("cancel"):
+            self.missions.cancel()
         if message.get("localize"):
             self.localize(message["localize"])
         x, y, yaw, v, vy, w = message["odom"]
@@ -295,47 +287,44 @@ class Bridge:
         self.odometry.publish(odometry)
         if message.get("mission"):
             self.go(message["mission"], message["wait_s"])
-        if message.get("cancel"):
-            self.cancel()
         if ranges:
             self._publish_scan(message, ranges)
         self.ticks += 1
-        if self.ticks % 20 == 1 and len(self._watched) < len(self.setup["record"]):
+        if self.ticks % 20 == 1:
             self.watch()
+        answered = not message["await"] or self._await_answer(message, ranges)
         self.drain()
-        answered = True
-        if ranges and message["await"]:
-            answered = self._await_answer(message, ranges)
-            self.drain()
         return answered
 
     def _await_answer(self, message: dict[str, Any], ranges: bytes) -> bool:
         """Wait for the answer to a scan, and return whether it came.
 
         The first one of a mission is sent again each second, as nodes may have found the bridge and not yet each other. Answers to
-        repetitions, and to scans that nobody awaited, are waited for too: a late one would stand for the next one's.
+        repetitions are waited for too: a late one would stand for the next scan's.
         """
-
-        def is_over() -> bool:
-            return self.answers >= self.scans or self.mission["state"] != "running"
-
-        if self.is_in_step:
-            return self._until(is_over, message["wait_s"])
-        until_s, before = time.monotonic() + message["wait_s"], self.answers
+        began_s, before = time.monotonic(), self.answers
+        until_s = began_s + message["wait_s"]
         while not self._until(
-            lambda: self.answers > before or is_over(), min(1.0, max(0.0, until_s - time.monotonic()))
+            lambda: self.answers > before or self.missions.told["state"] != "running",
+            min(message["wait_s"] if self.is_in_step else REPEAT_S, max(0.0, until_s - time.monotonic())),
         ):
             if time.monotonic() >= until_s:
                 return False
             self._publish_scan(message, ranges)
-        self._until(is_over, QUIET_S)
-        self.is_in_step, self.scans = True, self.answers
+        if not self.is_in_step:
+            self._hear_late_answers(max(QUIET_S, time.monotonic() - began_s))
+            self.is_in_step = True
         return True
 
+    def _hear_late_answers(self, quiet_s: float) -> None:
+        """Wait until as many answers came as scans were sent, or none for a while."""
+        self.answered_s = time.monotonic()
+        self._until(lambda: self.answers >= self.scans or time.monotonic() > self.answered_s + quiet_s, math.inf)
+
     def _publish_scan(self, message: dict[str, Any], ranges: bytes) -> None:
-        self.scans += 1
+        self.scans += bool(self.setup["answer"])
         about, scan = self.setup["lidar"], imported("sensor_msgs/msg/LaserScan")()
-        self.now_ns = message["scan_ns"]
+        self.now_ns = self.scan_ns = message["scan_ns"]
         self._stamp(scan.header, self.frames["laser"])
         self.now_ns = message["t_ns"]
         scan.angle_min, scan.angle_max = about["angle_min"], about["angle_max"]
@@ -369,18 +358,25 @@ class Bridge:
         Until then messages to a subscription that does not ask for their repetition would be lost.
         """
         until_s, quiet_since_s, before = time.monotonic() + wait_s, time.monotonic(), None
-        own = (self.clock, self.odometry, self.scan, self.initial, self.goal)
+        alone: list[str] = []
         while time.monotonic() < until_s:
             self.drain()
+            self.watch()
             topics = [name for name, _ in self.node.get_topic_names_and_types()]
             now = {name: (self.node.count_publishers(name), self.node.count_subscribers(name)) for name in topics}
-            matched = all(each.get_subscription_count() == self.node.count_subscribers(each.topic_name) for each in own)
-            if now != before or not matched:
+            alone = [
+                each.topic_name
+                for each in self.published
+                if each.get_subscription_count() != self.node.count_subscribers(each.topic_name)
+            ]
+            if now != before or alone:
                 before, quiet_since_s = now, time.monotonic()
             elif time.monotonic() - quiet_since_s >= QUIET_S:
+                self._deliver(wait_s)
                 return
             time.sleep(0.02)
-        raise Problem(f"nodes did not find each other within {wait_s:g} s")
+        why = f": the QoS of {', '.join(alone)} is not what a subscription asks for" if alone else ""
+        raise Problem(f"nodes did not find each other within {wait_s:g} s{why}")
 
     def told(self) -> tuple[dict[str, Any], bytes]:
         """Return what nodes did since the last call, and the recorded messages' bytes."""
@@ -392,7 +388,7 @@ class Bridge:
             "covariance": self.covariance,
             "updates": self.updates,
             "map_odom": self.map_odom,
-            "mission": self.mission,
+            "mission": self.missions.told,
             "log": self.log[-1000:],
             "recorded": [[t_ns, topic, kind, len(each)] for t_ns, topic, kind, each in self.recorded],
             "dropped": self.dropped,

@@ -21,8 +21,6 @@ from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
 
 BRIDGE_WITHIN_S: Final = 30.0
-BEFORE_RANGES: Final = ("foxy", "galactic", "humble")
-"""Releases that know no range of discovery; later ones warn of their variable."""
 _LOOK_S: Final = 0.05
 
 
@@ -69,15 +67,16 @@ def started(
         programs.environment |= {
             "ROS_DOMAIN_ID": str(domain),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            **({"ROS_LOCALHOST_ONLY": "1"} if programs.environment.get("ROS_DISTRO") in BEFORE_RANGES else {}),
+            # Later releases, which have the range, warn of it.
+            **({"ROS_LOCALHOST_ONLY": "1"} if programs.environment.get("ROS_DISTRO") == "humble" else {}),
         }
     # Shared memory of processes that are killed stays behind, and a later run of the domain finds it.
     programs.environment.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     folder = programs.folders.out.parent / "channel"
     folder.mkdir(exist_ok=True)
-    for name in ("bridge.py", "bridge_messages.py"):
-        copy_file(Path(__file__).with_name(name), folder / name)
-    seen = CHANNEL if programs.in_main else str(folder)
+    for file in Path(__file__).parent.glob("bridge*.py"):
+        copy_file(file, folder / file.name)
+    seen = CHANNEL if programs.in_main else f"../{folder.name}"  # as a socket's path has to be short
     command = [nodes.python, f"{seen}/bridge.py", f"{seen}/bridge.sock"]
     groups: dict[str, ProcessGroup] = {}
     bridge: ProcessGroup | None = None
@@ -123,7 +122,7 @@ def _setup(nodes: Nodes, lidar: Lidar, ground: OccupancyMap | None) -> tuple[dic
         "frames": dict(nodes.frames),
         "actions": dict(nodes.actions),
         "stamped": nodes.stamped,
-        "answer": nodes.answer,
+        "answer": nodes.answer if nodes.time == "lock_step" else "",
         "mission": nodes.mission,
         "record": list(nodes.record),
         "mount": list(lidar.mount_xyt),
