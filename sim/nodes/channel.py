@@ -2,6 +2,7 @@
 
 import functools
 import json
+import os
 import socket
 import struct
 import time
@@ -29,7 +30,12 @@ class Channel:
     def __init__(self, path: Path, ended: Callable[[], str | None]) -> None:
         self._ended = ended
         self._listening = socket.socket(socket.AF_UNIX)
-        self._listening.bind(str(path))
+        try:
+            self._listening.bind(str(path))
+        except OSError:  # a socket's path has to be short
+            folder = os.open(path.parent, os.O_RDONLY)
+            self._listening.bind(f"/proc/self/fd/{folder}/{path.name}")
+            os.close(folder)
         self._listening.listen(1)
         self._connection: socket.socket | None = None
 

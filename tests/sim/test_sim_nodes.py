@@ -159,6 +159,13 @@ def test_bridge_that_fails_breaks_the_run(driven, behavior, why):
         driven(behavior)
 
 
+def test_run_may_lie_in_a_folder_whose_path_is_longer_than_a_sockets(driven, monkeypatch, tmp_path):
+    folder = tmp_path / ("long" * 30)
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    assert driven().recording.run.outcome == "succeeded"
+
+
 def test_command_that_is_no_number_fails_the_run(driven):
     run = driven("nan").recording.run
     assert (run.outcome, run.error_code) == ("failed", 0)
