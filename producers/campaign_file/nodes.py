@@ -56,8 +56,8 @@ class Ros2Spec(Section):
     """The Python that imports rclpy, after `execution.pre_command`."""
     time: Literal["lock_step", "paced"] = "lock_step"
     """Whether a tick waits for the answer to each scan, or for the host's clock."""
-    answer: str = TOPICS["cmd_vel"]
-    """Topic whose messages answer scans, in lock step."""
+    answer: str = ""
+    """Topic whose messages answer scans, in lock step; that of commands where empty."""
     answer_within: Positive = 10.0
     """Seconds of the host's time after which a missing answer breaks a run."""
     real_time_factor: Positive = 1.0
@@ -85,13 +85,17 @@ class Ros2Spec(Section):
 def nodes_of(specs: Sequence[Mapping[str, NodeSpec]], spec: Ros2Spec) -> Nodes:
     """Return the nodes of a campaign's runs."""
     processes = [_process(name, each) for entry in specs for name, each in entry.items()]
-    given = spec.model_dump(exclude={"topics", "frames", "actions", "record", "answer_within", "goal_tolerance"})
+    given = spec.model_dump(
+        exclude={"answer", "topics", "frames", "actions", "record", "answer_within", "goal_tolerance"}
+    )
+    topics = {**TOPICS, **spec.topics}
     return Nodes(
         **given,
         processes=tuple(processes),
         answer_within_s=spec.answer_within,
         goal_tolerance_m=spec.goal_tolerance,
-        topics={**TOPICS, **spec.topics},
+        topics=topics,
+        answer=spec.answer or topics["cmd_vel"],
         frames={**FRAMES, **spec.frames},
         actions={**ACTIONS, **spec.actions},
         record=tuple(spec.record),
