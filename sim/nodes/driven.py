@@ -97,7 +97,8 @@ class DrivenSimulation(Simulation):
 
     def localize(self, pose: Pose) -> None:
         self.told.append(("bridge", f"Setting pose: {pose.x_m:.3f} {pose.y_m:.3f} {pose.yaw_rad:.3f}"))
-        self._initial, self._initial_tick = _numbers(pose), self.tick
+        self._initial = self._given["localize"] = _numbers(pose)
+        self._initial_tick = self.tick + 1
         self._is_placed = True
 
     def navigate(self, mission: Mission) -> None:
@@ -153,7 +154,7 @@ class DrivenSimulation(Simulation):
             self._keep_pace()
             super().advance(self.tick + 1)
             if self._initial:  # sent once a second until nodes say where they are, as Nav2's commander does
-                if (self.tick - self._initial_tick) % ticks_of(1.0) == 1:
+                if (self.tick - self._initial_tick) % ticks_of(1.0) == 0:
                     self._given["localize"] = self._initial
                 if not self.is_paced:
                     time.sleep(TICK_S)

@@ -117,6 +117,13 @@ def test_start_is_told_each_second_until_nodes_know_where_they_are(driven):
     assert len(told) == 3 and np.diff(told).tolist() == pytest.approx([1.0, 1.0])
 
 
+def test_start_is_told_with_the_mission_where_the_estimate_is_ideal(driven):
+    told = [
+        (each["localize"], "mission" in each) for each in heard(driven(localization="ideal")) if each.get("localize")
+    ]
+    assert told == [([1.0, 1.0, 0.0], True)]
+
+
 def test_programs_of_a_scenario_do_not_hold_up_a_paced_run(staged):
     trial = staged("""
         do parallel:
