@@ -73,8 +73,8 @@ class Bridge:
         self.clock = publisher("clock", "rosgraph_msgs/msg/Clock", qos(1, best_effort=True))
         self.odometry = publisher("odom", "nav_msgs/msg/Odometry", qos(10))
         self.scan = publisher("scan", "sensor_msgs/msg/LaserScan", qos(5, best_effort=True))
-        self.initial = publisher("initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", qos(10))
-        self.goal = publisher("goal", "geometry_msgs/msg/PoseStamped", qos(10))
+        self.initial = publisher("initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", qos(1))
+        self.goal = publisher("goal", "geometry_msgs/msg/PoseStamped", qos(1))
         self.has_tf = is_there("tf2_msgs/msg/TFMessage")
         if self.has_tf:
             self.tf = publisher("tf", "tf2_msgs/msg/TFMessage", qos(100))
@@ -222,11 +222,12 @@ class Bridge:
         self._deliver(wait_s)
 
     def _deliver(self, wait_s: float) -> None:
-        """Wait until nodes have received what was published reliably, so that no later scan overtakes it."""
+        """Wait until nodes have received start, goal, and map, so that no later scan overtakes them."""
         from rclpy.duration import Duration
 
         for each in self.published:
-            each.wait_for_all_acked(Duration(seconds=wait_s))
+            if each.qos_profile.depth == 1:  # Fast DDS asks for others' receipts every 3 s
+                each.wait_for_all_acked(Duration(seconds=wait_s))
 
     def _until(self, is_met: Callable[[], bool], wait_s: float) -> bool:
         """Let callbacks run until a condition is met; return False after `wait_s` of host time."""
@@ -247,8 +248,7 @@ class Bridge:
         except TimeoutException:
             return False
         handler()
-        if handler.exception() is not None:
-            raise handler.exception()
+        handler.result()  # raises what the callback raised
         return True
 
     def drain(self) -> None:

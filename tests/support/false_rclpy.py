@@ -75,9 +75,8 @@ class Network:
             if topic in self.heard_by:
                 self.heard_by[topic](message)
 
-        return SimpleNamespace(
-            publish=publish, topic_name=topic, wait_for_all_acked=lambda _: self.waited.append(topic)
-        )
+        made = {"publish": publish, "topic_name": topic, "qos_profile": profile}
+        return SimpleNamespace(**made, wait_for_all_acked=lambda _: self.waited.append(topic))
 
     def create_subscription(self, kind: type, topic: str, heard: Any, profile: Any, raw: bool) -> None:
         self._subscribed[topic] = heard
@@ -93,7 +92,7 @@ class _Handler:
     def __call__(self) -> None:
         self._act()
 
-    def exception(self) -> None:
+    def result(self) -> None:
         return None
 
 
