@@ -3,6 +3,7 @@
 import fcntl
 import json
 import os
+import pickle
 import re
 import signal
 import subprocess
@@ -24,6 +25,7 @@ from vastflow.sim.model.scenario import ProcessSetup, setup_of
 from vastflow.sim.nodes import domain
 from vastflow.sim.nodes.domain import own_domain
 from vastflow.sim.run import execute
+from vastflow.sim.scenario.programs import guard as guarding
 from vastflow.sim.scenario.programs.run import process_run
 
 BRIDGE = str(Path(__file__).parents[1] / "support" / "false_bridge.py")
@@ -329,6 +331,41 @@ def test_domain_is_held_until_the_guard_of_a_run_has_ended(tmp_path):
         os.close(descriptor)
         assert _is_locked(tmp_path / "1")
     assert not _is_locked(tmp_path / "1")
+
+
+EXECUTED = "import pickle, sys; from vastflow.sim.run import execute; execute(pickle.load(open(sys.argv[1], 'rb')), 0)"
+
+
+def test_domain_of_a_driven_run_is_held_by_its_guard_when_the_worker_is_killed(scenario, tmp_path):
+    begun = tmp_path / "begun"
+    text = f"import time; open({str(begun)!r}, 'w'); time.sleep(600)"
+    nodes = Nodes((NodeProcess("sleeps", (sys.executable, "-c", text)),), python=BRIDGE, mission="topic")
+    setup = ProcessSetup(environment={"BEHAVIOR": "slow"}, nodes=nodes)
+    sent = {"goal_pose": {"x": 3.9, "y": 1.0}, "start_pose": {"x": 1.0, "y": 1.0}}
+    (tmp_path / "scenario").write_bytes(pickle.dumps(replace(scenario("navigate_to_pose", **sent), programs=setup)))
+    command = [sys.executable, "-c", EXECUTED, str(tmp_path / "scenario")]
+    worker = subprocess.Popen(command, env={**os.environ, "TMPDIR": str(tmp_path)})
+    until_s = time.monotonic() + 60.0
+    while not begun.exists() and time.monotonic() < until_s:
+        time.sleep(0.05)
+    (guard,) = [each for each in psutil.Process(worker.pid).children() if guarding.__file__ in each.cmdline()]
+    guard.suspend()
+    worker.kill()
+    worker.wait()
+    (held,) = (tmp_path / "vastflow-ros-domains").iterdir()
+    assert _is_locked(held)
+    guard.resume()
+    guard.wait(30.0)
+    assert not _is_locked(held)
+
+
+def test_run_without_nodes_and_containers_imports_nothing_of_them(scenario, tmp_path):
+    sent = {"goal_pose": {"x": 1.3, "y": 1.0}, "start_pose": {"x": 1.0, "y": 1.0}}
+    (tmp_path / "scenario").write_bytes(pickle.dumps(scenario("navigate_to_pose", **sent)))
+    seen = "print(*(name for name in sys.modules if re.match(r'vastflow.sim.(nodes|.*programs.(containers|runtimes|cgroup))', name)))"
+    script = f"import re, vastflow.flows.campaign, vastflow.tasks.engine.work; {EXECUTED}; {seen}"
+    command = [sys.executable, "-c", script, str(tmp_path / "scenario")]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.split() == []
 
 
 def test_setup_with_nodes_is_read_back_from_its_content():
