@@ -215,3 +215,21 @@ with process_run(ProcessSetup()) as run:
     while list(marked(mark)) or list(tmp_path.glob("vastflow-run-*")):
         assert time.monotonic() < until_s
         time.sleep(0.01)
+
+
+@each_row("function", ["copy_in", "stamps", "remove_folder"])
+def test_run_that_is_killed_while_it_begins_or_ends_leaves_no_folder(tmp_path, function):
+    script = f"""
+import os, signal
+from vastflow.sim.scenario.programs import run
+from vastflow.sim.model.scenario import ProcessSetup
+run.{function} = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+with run.process_run(ProcessSetup()):
+    pass
+"""
+    done = subprocess.run([sys.executable, "-c", script], env={**os.environ, "TMPDIR": str(tmp_path)}, check=False)
+    assert done.returncode == -signal.SIGKILL
+    until_s = time.monotonic() + 60
+    while list(tmp_path.iterdir()):
+        assert time.monotonic() < until_s
+        time.sleep(0.01)

@@ -195,3 +195,9 @@ def test_locked_program_folder_is_removed(begun):
         said(run, "import os; os.mkdir('a'); open('a/b', 'w'); os.chmod('a', 0)")
         folder = Path(run.folders.out)
     assert not os.path.lexists(folder)
+
+
+def test_log_that_finds_the_disk_full_is_a_fault_of_the_machine(begun):
+    with pytest.raises(OSError, match=r"No space left on device: '.*vastflow-run-"), begun() as run:
+        (run.folders.logs / "0.log").symlink_to("/dev/full")
+        run.start(script("print('hello')")).wait(60)

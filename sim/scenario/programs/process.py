@@ -33,11 +33,13 @@ class ProcessLog:
     Attributes:
         cut: Whether something was dropped.
         complete: Set once the pipe has been read to its end and the file is whole.
+        problem: Why the file could not be written, such as a full disk; the pipe is closed then.
     """
 
     def __init__(self, path: Path, max_bytes: int = MAX_LOG_BYTES) -> None:
         self.path = path
         self.cut = False
+        self.problem: OSError | None = None
         self.complete = threading.Event()
         self._max_bytes = max_bytes
         self._given_up = threading.Event()
@@ -92,6 +94,8 @@ class ProcessLog:
                     if len(kept) < len(data) and not self.cut:
                         self.cut = True
                         file.write(f"\n[the log was cut here: more than {self._max_bytes} bytes]\n".encode())
+        except OSError as error:
+            self.problem = error
         finally:
             os.close(self._read_end)
             self.complete.set()

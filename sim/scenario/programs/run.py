@@ -2,6 +2,7 @@
 
 import json
 import os
+import secrets
 import shlex
 import subprocess
 import sys
@@ -97,7 +98,6 @@ class ProcessRun:
     ) -> None:
         self.folders = RunFolders.below(root)
         self.environment = {**os.environ, **setup.environment}
-        self._holds = holds
         self._setup = setup
         self._handed = handed
         self._named = named_in([setup.pre_command, setup.post_command, *setup.environment.values()])
@@ -107,8 +107,9 @@ class ProcessRun:
         self._groups: list[ProcessGroup] = []
         self._staying: set[int] = set()
         self._news = threading.Event()
-        self._guard: subprocess.Popen[bytes] | None = None
+        self._guard = _guarding(self._mark, root, holds)  # before there is a folder, lest it be left behind
         self._removals: list[Sequence[str]] = []
+        self._is_clean = False
         self._containers: RunContainers | None = None
         self._sampler: ResourceSampler | None = None
         self._before: Mapping[str, Stamp] = {}
@@ -122,8 +123,7 @@ class ProcessRun:
                 end in time. The run is not to be judged.
         """
         folders = self.folders
-        if self._setup.containers:  # to begin one takes longer
-            self._guard = _guarding(self._mark, folders.out.parent, self._holds)
+        folders.out.parent.mkdir(0o700)
         for folder in (folders.config, folders.out, folders.logs):
             folder.mkdir()
         for folder in (folders.config, folders.out):
@@ -162,8 +162,6 @@ class ProcessRun:
             stays: Whether nothing waits for its end: simulated time goes on as if it were not there.
             environment: Its variables in place of `environment`.
         """
-        if self._guard is None:
-            self._guard = _guarding(self._mark, self.folders.out.parent, self._holds)
         number = len(self._groups)
         mark, environment = f"{self._mark}{number}.", self.environment if environment is None else environment
         started = self._containers.launched(container, command, mark, environment) if self._containers else None
@@ -195,9 +193,9 @@ class ProcessRun:
     def at_end(self, command: Sequence[str]) -> None:
         """Have a command executed when the run has ended, by the guard if this process is killed."""
         self._removals.append(command)
-        if self._guard is not None and self._guard.stdin is not None:
-            self._guard.stdin.write(json.dumps(command).encode() + b"\n")
-            self._guard.stdin.flush()
+        assert self._guard.stdin is not None
+        self._guard.stdin.write(json.dumps(command).encode() + b"\n")
+        self._guard.stdin.flush()
 
     @property
     def in_main(self) -> bool:
@@ -275,19 +273,37 @@ class ProcessRun:
         if self._sampler:
             self._sampler.stop()
             kill_all(self._sampler.processes)  # who left its family and dropped its mark was perhaps seen before
-        guard, self._guard = self._guard, None
-        if guard is not None and guard.stdin is not None:
-            is_clean = clean(self._removals)  # else the guard goes on, as a runtime may be about to make one
-            if is_clean:
-                guard.kill()
-            guard.stdin.close()
-            if is_clean:
-                guard.wait()
+        self._is_clean = self._is_clean or clean(self._removals)
         if self._namespace is not None:
             self._namespace.close()
             self._namespace = None
         if left:
             raise RuntimeError(f"processes {sorted(left)} of a run could not be killed")
+
+    def check_disk(self) -> None:
+        """Raise `OSError` if the folder's disk is or was full.
+
+        Programs seldom say so, and what they wrote is no result.
+        """
+        folder = self.folders.out.parent
+        try:
+            for problem in (group.log.problem for group in self._groups):
+                if problem is not None:
+                    raise problem
+            with tempfile.TemporaryFile(dir=folder.parent) as file:
+                file.write(b"1" * 65536)  # what was removed just now may have made some room
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(folder)) from None
+
+    def remove(self) -> None:
+        """Remove the folder, and dismiss the guard; it goes on where a runtime may be about to make a container."""
+        remove_folder(self.folders.out.parent)
+        if self._is_clean:
+            self._guard.kill()
+        assert self._guard.stdin is not None
+        self._guard.stdin.close()
+        if self._is_clean:
+            self._guard.wait()
 
     def _sourced(self, result: Path) -> dict[str, str]:
         """Return the environment after bash has sourced `pre_command`, which leaves it in the file `result`.
@@ -369,9 +385,9 @@ def process_run(
 
     Raises:
         ScenarioError: see `ProcessRun.begin`.
-        OSError: the folder's disk is full at the end. Programs seldom say so, and what they wrote is no result.
+        OSError: see `ProcessRun.check_disk`.
     """
-    root = Path(tempfile.mkdtemp(prefix="vastflow-run-", dir=where)).resolve()
+    root = Path(where or tempfile.gettempdir()).resolve() / f"vastflow-run-{secrets.token_hex(4)}"
     run = ProcessRun(root, setup, handed or {}, holds)
     try:
         run.begin()
@@ -379,13 +395,9 @@ def process_run(
     finally:
         try:
             run.end()
-            try:
-                with tempfile.TemporaryFile(dir=root) as file:
-                    file.write(b"1" * 65536)  # what was removed just now may have made some room
-            except OSError as error:
-                raise OSError(error.errno, error.strerror, str(root)) from None
+            run.check_disk()
         finally:
-            remove_folder(root)
+            run.remove()
 
 
 def _guarding(mark: str, folder: Path, holds: Sequence[int] = ()) -> "subprocess.Popen[bytes]":
