@@ -108,7 +108,7 @@ def checked_of(scenario: Scenario) -> CheckedScenario:
         actions,
         any(action.rpartition(".")[2] in NAVIGATIONS for action in actions),
         _robot(scenario, script) if needs_robot else None,
-        scenario.programs and configured(scenario.programs, values),
+        configured(scenario.programs, values),
         {key: value for key, value in given.items() if isinstance(value, FileContent)},
         recording if isinstance(recording, FileContent) else None,
     )

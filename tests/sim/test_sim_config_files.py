@@ -180,8 +180,9 @@ def test_unknown_files_and_missing_processes_are_said():
     assert message_of(*complaint(None, "sut.nav2.x", 1)) == (
         "No process reads 'sut.nav2.x', as the built-in robot drives. Leave out 'sut.' and the name behind it."
     )
-    with pytest.raises(ScenarioError, match=r"sut\.nav\.x: there is no config file 'nav'"):
-        configured(setup, {"sut.nav.x": 1})
+    for each in (setup, None):
+        with pytest.raises(ScenarioError, match=r"sut\.nav\.x: there is no config file 'nav' that a process reads"):
+            configured(each, {"sut.nav.x": 1})
 
 
 @each_row(

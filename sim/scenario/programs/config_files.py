@@ -90,15 +90,15 @@ def _known_tree(content: FileContent, suffix: str) -> Tree:
     return read_tree(Path(content.path))
 
 
-def configured(setup: ProcessSetup, values: Mapping[str, Value]) -> ProcessSetup:
-    """Return the setup of a configuration with these values; raises `ScenarioError` for one without its file."""
+def configured(setup: ProcessSetup | None, values: Mapping[str, Value]) -> ProcessSetup | None:
+    """Return the setup of a configuration with these values; raises `ScenarioError` for one that no process reads."""
     found: dict[str, dict[str, Value]] = {}
     for key in (key for key in values if key.startswith(SUT)):
         name, _, path = key.removeprefix(SUT).partition(".")
-        if name not in setup.config_files:
-            raise ScenarioError(f"{key}: there is no config file {name!r}")
+        if setup is None or name not in setup.config_files:
+            raise ScenarioError(f"{key}: there is no config file {name!r} that a process reads")
         found.setdefault(setup.config_files[name], {})[path] = values[key]
-    return replace(setup, config_files={}, parameters=found)
+    return setup and replace(setup, config_files={}, parameters=found)
 
 
 def complaint(setup: ProcessSetup | None, key: str, value: Value) -> Complaint | None:
