@@ -82,6 +82,10 @@ def layers_of(recorded: RecordedRun) -> bytes:
         raise UnusableDirectory("The scenario has no robot, so there are no layers.")
     try:
         checked = checked_of(recorded.scenario)
+        if checked.programs is not None and checked.programs.nodes is not None:
+            raise UnusableDirectory(
+                "Nodes of ROS 2 drove the run, so that its scans and costmaps can't be computed again."
+            )
         if checked.programs or checked.actions & PROCESSES.keys():
             raise UnusableDirectory("The run's programs would be started again. Use `vastflow replay` for this.")
         watched = Watched(round(recorded.scenario.timeout_s / TICK_S), recorded.recording.run.simulated_s)

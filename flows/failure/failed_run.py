@@ -113,6 +113,11 @@ def failed_run(directory: Path, configuration: str, run_index: int) -> FailedRun
             f"{place}: expected a run of a robot, got one of programs alone, which need not repeat. "
             f"`vastflow export` with `--only {configuration}` writes what they printed and wrote."
         )
+    if recorded.scenario.programs is not None and recorded.scenario.programs.nodes is not None:
+        raise UnusableDirectory(
+            f"{place}: expected a run of the built-in stack, got one that nodes drove, which need not repeat. "
+            f"`vastflow export` with `--only {configuration}` writes its recording, logs, and messages."
+        )
     if RECORDING_KEY in recorded.scenario.system:
         raise UnusableDirectory(f"{place}: expected a simulated run, got an imported one, which nobody can repeat")
     if MESH_KEY in recorded.scenario.environment:

@@ -23,7 +23,7 @@ _PAGE: Final = """\
 {% for each in causes %}
 <tr><td style="text-align:left"><b>{{ each.cause | capital }}</b></td><td>{{ "{:,}".format(each.runs) }}</td>\
 <td style="text-align:left">{{ meanings[each.cause] | sentence }}</td>\
-<td style="text-align:left"><code>vastflow replay . {{ each.configuration }} {{ each.run_index }}</code></td></tr>
+<td style="text-align:left"><code>{{ "" if driven else "vastflow replay . " }}{{ each.configuration }} {{ each.run_index }}</code></td></tr>
 {% endfor %}
 </table>
 {% endif %}
@@ -48,6 +48,7 @@ def headline_html(directory: Path) -> str:
         headline=campaign.headline.text,
         counts=campaign.counts,
         causes=causes_of(tables),
+        driven=tables.driven,
         meanings=CAUSES,
         figures=[(file.stem.replace("-", " "), base64.b64encode(read_bytes(file)).decode()) for file in files],
         report=directory / "report.html",

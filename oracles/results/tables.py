@@ -271,6 +271,11 @@ class Tables:
         return self.verdicts.oracles
 
     @cached_property
+    def driven(self) -> bool:
+        """Whether nodes of ROS 2 drove the runs, so that no replay executes them."""
+        return any("nodes" in (each.get("programs") or {}) for each in self.configurations.contents)
+
+    @cached_property
     def units(self) -> Units:
         """Independent units of the configurations, in their order."""
         return units_of(self.configurations.contents)

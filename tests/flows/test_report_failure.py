@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import minimize as planted
@@ -17,14 +18,17 @@ from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows import run_campaign
-from vastflow.flows.failure import report
+from vastflow.flows.failure import failed_run, report
 from vastflow.flows.failure.report import BAG, FILM, README
 from vastflow.flows.failure.small_map import with_small_map
 from vastflow.oracles.figures.film import FilmError
 from vastflow.oracles.judgment.verdict import Verdict
+from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.blocks import read_recordings, write_recordings
+from vastflow.sim.model.nodes import Nodes
 from vastflow.sim.model.recording import Recording
+from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.run import run
 from vastflow.sim.world.map_file import load_map
 from vastflow.tasks.keys.keys import EXECUTE_SOURCE, Keys, numeric_class
@@ -196,6 +200,16 @@ def test_cut_map_has_same_cells_where_it_is(tmp_path):
     row, column = whole.cell_of(*cut.center_of(0, 0))
     rows, columns = cut.shape
     assert (whole.cells[row : row + rows, column : column + columns] == cut.cells).all()
+
+
+def test_report_refuses_run_that_nodes_drove(made, tmp_path, monkeypatch):
+    def driven(*run):
+        found = recorded_run(*run)
+        return replace(found, scenario=replace(found.scenario, programs=ProcessSetup(nodes=Nodes())))
+
+    monkeypatch.setattr(failed_run, "recorded_run", driven)
+    said = refused("report-failure", made, "room-1/0", tmp_path / "out")
+    assert "room-1/0: expected a run of the built-in stack, got one that nodes drove, which need not repeat." in said
 
 
 def test_report_refuses_run_without_robot(made, tmp_path):

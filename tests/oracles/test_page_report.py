@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from judged_directory import driven_by_nodes
 from matplotlib.figure import Figure
 from table import each_row
 
@@ -448,6 +449,17 @@ def test_headline_shows_rate_causes_and_figures(synthetic_campaign, tmp_path, ro
     assert not re.search(r"<script|https?://", html)
     assert html == headline_html(directory)
     assert Results(tmp_path / "gone", None, (), ())._repr_html_() is None
+
+
+def test_report_offers_no_replay_of_runs_that_nodes_drove(synthetic_campaign, room, build):
+    failed = build.a_recording(LINE[:20], run_index=1, outcome="aborted", error_xy_m=(0.0, 0.8))
+    synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(LINE), failed])
+    directory = driven_by_nodes(synthetic_campaign.write())
+    write_report(directory)
+    text = Page(text_of(directory)).text
+    assert "Nodes of ROS 2 drove the runs, which vastflow replay doesn't execute." in " ".join(text.split())
+    assert "vastflow replay ." not in text and "bit for bit" not in text
+    assert "vastflow replay" not in headline_html(directory)
 
 
 def test_finished_directory_is_opened_with_summary_and_plot(synthetic_campaign, room, build, tmp_path):

@@ -7,6 +7,8 @@ import pyarrow.parquet as pq
 
 from vastflow.flows.results.provenance import STAGES
 from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
+from vastflow.sim.model.nodes import NodeProcess, Nodes
+from vastflow.sim.model.scenario import ProcessSetup
 
 INGREDIENTS = {
     "vastflow": "0.1.0",
@@ -69,3 +71,14 @@ def write(
 
 def same(said, system=0, configurations=12):
     return {f"c{k}": (k, system, said) for k in range(configurations)}
+
+
+def driven_by_nodes(directory):
+    """The directory, its runs driven by nodes of ROS 2."""
+    file = directory / "configurations.parquet"
+    rows = pq.read_table(file).to_pylist()
+    programs = ProcessSetup(nodes=Nodes((NodeProcess("follower", ("python3", "follower.py")),))).content
+    for row in rows:
+        row["scenario"] = json.dumps({**json.loads(row["scenario"]), "programs": programs})
+    pq.write_table(pa.Table.from_pylist(rows, CONFIGURATIONS), file)
+    return directory

@@ -18,6 +18,7 @@ from vastflow.deployments.explorer.layers import Parts, Watched, layers_of
 from vastflow.deployments.explorer.run_page import KeptExecutions
 from vastflow.oracles.replay.recorded import RecordedRun
 from vastflow.oracles.results.unusable import UnusableDirectory
+from vastflow.sim.model.nodes import Nodes
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
 from vastflow.sim.replay import Box, replay
 from vastflow.sim.world.world import map_content
@@ -108,9 +109,13 @@ def test_layers_are_refused_without_robot_or_with_programs(recorded: RecordedRun
     still = replace(recorded, recording=replace(recorded.recording, columns={}))
     with pytest.raises(UnusableDirectory, match="no robot"):
         layers_of(still)
-    programs = replace(recorded, scenario=replace(recorded.scenario, programs=ProcessSetup()))
-    with pytest.raises(UnusableDirectory, match="programs would be started again"):
-        layers_of(programs)
+    for setup, why in (
+        (ProcessSetup(), "programs would be started again"),
+        (ProcessSetup(nodes=Nodes()), "Nodes of ROS 2 drove the run"),
+    ):
+        programs = replace(recorded, scenario=replace(recorded.scenario, programs=setup))
+        with pytest.raises(UnusableDirectory, match=why):
+            layers_of(programs)
 
 
 def test_parts_share_ends_of_parts_before():
