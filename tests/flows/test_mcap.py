@@ -382,7 +382,7 @@ def published():
 
 @pytest.fixture
 def driven_bag(recorded, published, tmp_path):
-    rows = [f"{t_ns},{topic},{kind},{len(content)}\n" for t_ns, topic, kind, content in published]
+    rows = [f'{t_ns},"{topic}","{kind}",{len(content)}\n' for t_ns, topic, kind, content in published]
     outputs = {
         "ros2/messages.csv": "".join(["t_ns,topic,type,bytes\n", *rows]).encode(),
         "ros2/messages.cdr": b"".join(content for *_, content in published),

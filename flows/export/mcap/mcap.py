@@ -1,5 +1,6 @@
 """The format `mcap`: each run as a bag of ROS 2 for Foxglove, RViz, and `ros2 bag`."""
 
+import csv
 import io
 from collections.abc import Collection, Iterator, Mapping
 from types import MappingProxyType
@@ -72,9 +73,10 @@ def bag_of(
     scenario, recording = recorded.scenario, recorded.recording
     situation, world = situation_of(scenario), world_of(scenario.environment)
     lidar = system_of(scenario.system, is_drawn=True).lidar
-    programs = scenario.programs
-    published = [] if programs is None or programs.nodes is None else _messages(outputs)
-    without = {*without, *(topic for _, topic, *_ in published)}
+    published = []
+    if scenario.programs is not None and scenario.programs.nodes is not None:
+        published = _messages(outputs)
+        without = {*without, "/cmd_vel_nav", *(topic for _, topic, *_ in published)}  # there is no controller of ours
     told = RunBag(without)
     missing = _execute(told, recorded, lidar)
     if missing:
@@ -104,8 +106,7 @@ def _messages(outputs: Mapping[str, bytes]) -> list[tuple[int, str, str, bytes]]
     """Return time (ns), topic, type, and content of each message that nodes published."""
     content = io.BytesIO(outputs.get(f"{MESSAGES}/messages.cdr", b""))
     lines = outputs.get(f"{MESSAGES}/messages.csv", b"").decode().splitlines()[1:]
-    rows = (line.split(",") for line in lines)
-    return [(int(t_ns), topic, kind, content.read(int(size))) for t_ns, topic, kind, size in rows]
+    return [(int(t_ns), topic, kind, content.read(int(size))) for t_ns, topic, kind, size in csv.reader(lines)]
 
 
 def _execute(told: RunBag, recorded: RecordedRun, lidar: Lidar) -> str:
