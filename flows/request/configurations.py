@@ -18,13 +18,16 @@ from vastflow.tasks.engine.instantiation import Instantiated, UnknownName, selec
 def sampled(instantiation: Instantiation, size: int, seed: int) -> Instantiation:
     """Return a sample of `size` distinct configurations with their duplicates, in order; all, if fewer.
 
-    In each family configurations have an order that follows from the digest of their content and the seed; the k-th of n, from
-    0, has the place (k + 1/2) / n. The sample is the `size` least places: a larger one contains a smaller one, and families
-    have their share as by Webster's method of apportionment. Nothing else in the campaign moves a configuration
-    in its family.
+    In each family configurations have an order that follows from the seed and the digest of their content, without programs so that
+    nodes get the sample of the built-in robot; the k-th of n, from 0, has the place (k + 1/2) / n. The sample is the `size` least places:
+    a larger one contains a smaller one, and families have their share as by Webster's method of apportionment. Nothing else in the
+    campaign moves a configuration in its family.
     """
     distinct = [each for each in instantiation.configurations if each.duplicate_of is None]
-    drawn = [(digest("sample", seed, each.scenario.digest), each) for each in distinct]
+    bare = (
+        each.scenario if each.scenario.programs is None else replace(each.scenario, programs=None) for each in distinct
+    )
+    drawn = [(digest("sample", seed, scenario.digest), each) for scenario, each in zip(bare, distinct, strict=True)]
     order = sorted(drawn, key=lambda one: one[0])
     sizes = Counter(each.family for each in distinct)
     seen: Counter[str] = Counter()

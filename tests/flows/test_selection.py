@@ -1,6 +1,7 @@
 """The selection of a campaign: by name, and as a sample."""
 
 from collections import Counter
+from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,7 +10,8 @@ from table import each_row
 from vastflow.flows.request.configurations import narrowed, sampled
 from vastflow.producers.instantiation.instantiate import Instantiation, mark_duplicates
 from vastflow.producers.model.configuration import Configuration
-from vastflow.sim.model.scenario import scenario_of
+from vastflow.sim.model.nodes import Nodes
+from vastflow.sim.model.scenario import ProcessSetup, scenario_of
 from vastflow.tasks.engine.instantiation import Instantiated
 
 FILE = "campaign.vast"
@@ -66,6 +68,14 @@ def test_sample_depends_on_content_and_seed_only():
         return {each.scenario.digest for each in found.configurations}
 
     assert digests(sampled(renamed, 20, 1)) == digests(sampled(plain, 20, 1)) != digests(sampled(plain, 20, 2))
+
+
+def test_sample_is_the_same_for_nodes_and_the_built_in_robot():
+    driven = [
+        replace(each, scenario=replace(each.scenario, programs=ProcessSetup(nodes=Nodes())))
+        for each in LARGE.configurations
+    ]
+    assert names(sampled(replace(LARGE, configurations=tuple(driven)), 20, 1)) == names(sampled(LARGE, 20, 1))
 
 
 def test_new_configuration_replaces_at_most_one_of_sample():

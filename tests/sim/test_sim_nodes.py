@@ -17,6 +17,8 @@ import numpy as np
 import psutil
 import pytest
 from recorded import happened
+from repeated import BRIDGE as REPEATING
+from repeated import repeated
 from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
@@ -81,6 +83,19 @@ def test_command_counts_from_the_tick_after_the_scan_that_it_answers(driven):
     first = next(each for each in told if each["bytes"])
     assert (first["t_ns"], first["scan_ns"]) == (50_000_000, 0)
     assert moved["t_ns"] - first["t_ns"] == 50_000_000
+
+
+def test_nodes_that_repeat_the_commands_of_the_built_in_robot_give_its_recording(scenario, tmp_path):
+    plain = scenario("navigate_to_pose", timeout_s=30.0, goal_pose=AHEAD, start_pose={"x": 1.0, "y": 1.0})
+    scan, said, built_in = repeated(plain, 0, 0)
+    # The stand-in finds its commands by the bytes of the first scan, so that scans are equal too.
+    (tmp_path / "runs.json").write_text(json.dumps({scan: said}))
+    nodes = Nodes(python=REPEATING, localization="ideal")
+    setup = ProcessSetup(environment={"REPEATED": str(tmp_path / "runs.json")}, nodes=nodes)
+    driven = execute(replace(plain, programs=setup), 0).recording
+    assert (driven.run.outcome, driven.run.simulated_s) == ("succeeded", built_in.run.simulated_s)
+    for name in ("x_mm", "y_mm", "yaw_mrad", "speed_mmps", "sent_speed_mmps", "sent_yaw_rate_mradps"):
+        assert np.array_equal(driven.columns[name], built_in.columns[name]), name
 
 
 def test_robot_turns_left_by_a_positive_yaw_rate(driven):
