@@ -171,6 +171,7 @@ def test_everything_imported_is_a_declared_dependency():
     assert found == {
         "bridge-messages",
         "bridge-missions",
+        "bridge-wheels",
         "rclpy",
     }  # in the process of the bridge, of the user's installation of ROS 2
 

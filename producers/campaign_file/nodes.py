@@ -49,6 +49,17 @@ class NodeSpec(Section):
     """What shows that it is ready; the next process starts then."""
 
 
+class Joints(Section):
+    """Joints of a differential drive, published on `/joint_states`."""
+
+    left: str = "left_wheel_joint"
+    right: str = "right_wheel_joint"
+    wheel_radius: Positive
+    """m"""
+    track: Positive
+    """Distance (m) between the wheels."""
+
+
 class Ros2Spec(Section):
     """Meeting of the simulated robot and nodes of ROS 2: time, topics, frames, and missions."""
 
@@ -80,6 +91,8 @@ class Ros2Spec(Section):
     """Actions that are called otherwise than in Nav2."""
     record: list[str] = Field(default_factory=lambda: [*RECORDED])
     """Topics of the nodes that are recorded."""
+    joints: Joints | None = None
+    """Wheels whose angles are published, which the simulated robot does not say."""
 
 
 def nodes_of(specs: Sequence[Mapping[str, NodeSpec]], spec: Ros2Spec) -> Nodes:

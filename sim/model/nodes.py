@@ -10,6 +10,7 @@ TOPICS: Final[Mapping[str, str]] = {
     "cmd_vel": "/cmd_vel",
     "goal": "/goal_pose",
     "initialpose": "/initialpose",
+    "joint_states": "/joint_states",
     "map": "/map",
     "odom": "/odom",
     "rosout": "/rosout",
@@ -66,6 +67,7 @@ class Nodes:
         localization: Who publishes the transform from the map to odometry: `nodes`, or `ideal`, the bridge by the true pose.
         stamped: Whether commands are `TwistStamped`.
         record: Topics of the nodes that are recorded.
+        joints: Names of the `left` and `right` wheel, `wheel_radius` and `track` (m), for /joint_states; None where it is not published.
     """
 
     processes: tuple[NodeProcess, ...] = ()
@@ -83,6 +85,7 @@ class Nodes:
     frames: Mapping[str, str] = field(default_factory=lambda: FRAMES)
     actions: Mapping[str, str] = field(default_factory=lambda: ACTIONS)
     record: tuple[str, ...] = RECORDED
+    joints: Mapping[str, Any] | None = None
 
     @property
     def words(self) -> str:

@@ -17,6 +17,7 @@ from typing import Any
 
 from bridge_messages import Problem, imported, is_there, place, receive, send, yaw_of
 from bridge_missions import Missions
+from bridge_wheels import Wheels
 
 MOST_CALLBACKS = 2000
 """Callbacks in a tick of the simulation, so that a topic that is flooded holds nobody up."""
@@ -79,21 +80,23 @@ class Bridge:
         if self.has_tf:
             self.tf = publisher("tf", "tf2_msgs/msg/TFMessage", qos(100))
             self.tf_static = publisher("tf_static", "tf2_msgs/msg/TFMessage", latched)
-            self._hear("tf", "tf2_msgs/msg/TFMessage", self._heard_tf, qos(100))
-            self._publish_mount()
+            self._subscribe(self.topics["tf"], "tf2_msgs/msg/TFMessage", qos(100), self._heard_tf)
+            mount = self._transform(self.frames["base"], self.frames["laser"], *setup["mount"])
+            self.tf_static.publish(imported("tf2_msgs/msg/TFMessage")(transforms=[mount]))
+        if setup["joints"]:
+            self.wheels = Wheels(setup["joints"])
+            self.joints = publisher("joint_states", "sensor_msgs/msg/JointState", qos(10))
         if setup["map"]:
             self.map = publisher("map", "nav_msgs/msg/OccupancyGrid", latched)
             self._publish_map(map_cells)
         kind = "geometry_msgs/msg/TwistStamped" if setup["stamped"] else "geometry_msgs/msg/Twist"
-        self._hear("cmd_vel", kind, self._heard_command, qos(10))
-        self._hear("amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", self._heard_estimate, qos(10))
-        self._hear("rosout", "rcl_interfaces/msg/Log", self._heard_log, qos(1000))
+        self._subscribe(self.topics["cmd_vel"], kind, qos(10), self._heard_command)
+        kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
+        self._subscribe(self.topics["amcl_pose"], kind, qos(10), self._heard_estimate)
+        self._subscribe(self.topics["rosout"], "rcl_interfaces/msg/Log", qos(1000), self._heard_log)
         self.ticks = self.scans = 0
         self.late: set[int] = set()
         self.is_in_step = False
-
-    def _hear(self, role: str, kind: str, callback: Callable[[Any], None], profile: Any) -> None:
-        self._subscribe(self.topics[role], kind, profile, callback)
 
     def _subscribe(self, topic: str, kind: str, profile: Any, callback: Callable[[Any], None] | None = None) -> None:
         """Have messages of a topic heard by a callback, recorded where that is asked for, and counted as answers."""
@@ -179,10 +182,6 @@ class Bridge:
         message.transform.rotation.z, message.transform.rotation.w = math.sin(yaw / 2.0), math.cos(yaw / 2.0)
         return message
 
-    def _publish_mount(self) -> None:
-        mount = self._transform(self.frames["base"], self.frames["laser"], *self.setup["mount"])
-        self.tf_static.publish(imported("tf2_msgs/msg/TFMessage")(transforms=[mount]))
-
     def _publish_map(self, cells: bytes) -> None:
         about, message = self.setup["map"], imported("nav_msgs/msg/OccupancyGrid")()
         self._stamp(message.header, self.frames["map"])
@@ -233,10 +232,9 @@ class Bridge:
         """Let callbacks run until a condition is met; return False after `wait_s` of host time."""
         until_s = time.monotonic() + wait_s
         while not is_met():
-            left_s = until_s - time.monotonic()
-            if left_s <= 0.0:
+            if time.monotonic() >= until_s:
                 return False
-            self._run(min(left_s, 0.1))
+            self._run(0.1)
         return True
 
     def _run(self, within_s: float) -> bool:
@@ -285,6 +283,8 @@ class Bridge:
         place(odometry.pose.pose, x, y, yaw)
         odometry.twist.twist.linear.x, odometry.twist.twist.linear.y, odometry.twist.twist.angular.z = v, vy, w
         self.odometry.publish(odometry)
+        if self.setup["joints"]:
+            self.joints.publish(self.wheels.turn(self.now_ns, v, w))
         if message.get("mission"):
             self.go(message["mission"], message["wait_s"])
         if ranges:

@@ -124,6 +124,7 @@ def _setup(nodes: Nodes, lidar: Lidar, ground: OccupancyMap | None) -> tuple[dic
         "stamped": nodes.stamped,
         "answer": nodes.answer if nodes.time == "lock_step" else "",
         "mission": nodes.mission,
+        "joints": nodes.joints,
         "record": list(nodes.record),
         "mount": list(lidar.mount_xyt),
         "lidar": scan,

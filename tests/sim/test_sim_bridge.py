@@ -12,7 +12,8 @@ from vastflow.sim.nodes import starting
 
 KINDS = [
     *(f"geometry_msgs/msg/{name}" for name in ("Twist", "TwistStamped", "PoseStamped", "PoseWithCovarianceStamped")),
-    *("rosgraph_msgs/msg/Clock", "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan", "rcl_interfaces/msg/Log"),
+    *("rosgraph_msgs/msg/Clock", "nav_msgs/msg/Odometry", "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/JointState"),
+    "rcl_interfaces/msg/Log",
 ]
 LIDAR = dict.fromkeys(
     ("angle_min", "angle_max", "angle_increment", "range_min", "range_max", "scan_time", "time_increment"), 0.0
@@ -33,7 +34,15 @@ def bridge(monkeypatch, network):
 
     def made(**setup):
         names = {"topics": dict(TOPICS), "frames": dict(FRAMES), "actions": dict(ACTIONS)}
-        given = {"stamped": False, "answer": "/cmd_vel", "mission": "topic", "record": [], "lidar": LIDAR, "map": None}
+        given = {
+            "stamped": False,
+            "answer": "/cmd_vel",
+            "mission": "topic",
+            "record": [],
+            "joints": None,
+            "lidar": LIDAR,
+            "map": None,
+        }
         return Drives(module.Bridge({**names, **given, **setup}, b""), network)
 
     return made
@@ -138,6 +147,18 @@ def test_stamp_of_an_earlier_scan_that_nobody_answered_answers_no_later_one(brid
         robot.tick(awaited=False)
     robot.send()
     assert [robot.tick() for _ in range(4)] == [7, None, 8, None]
+
+
+def test_wheels_turn_as_the_robot_moves(bridge, network):
+    joints = {"left": "left_wheel", "right": "right_wheel", "wheel_radius": 0.05, "track": 0.4}
+    robot = bridge(answer="", joints=joints)
+    for odometry in ([0.0, 0.0, 0.0, 0.3, 0.0, 0.0], [0.015, 0.0, 0.0, 0.3, 0.0, 0.5]):
+        robot.tick_number += 1
+        robot._tick(b"", odom=odometry)
+    first, second = (message for _, topic, message in network.sent if topic == "/joint_states")
+    assert first.velocity == pytest.approx([6.0, 6.0]) and first.position == pytest.approx([0.3, 0.3])
+    assert second.velocity == pytest.approx([4.0, 8.0]) and second.position == pytest.approx([0.5, 0.7])
+    assert (second.name, second.header.stamp.nanosec) == (["left_wheel", "right_wheel"], 100_000_000)
 
 
 def test_goal_has_arrived_before_a_scan_follows_it(bridge, network):

@@ -129,7 +129,12 @@ def test_normal_numbers_are_numpys_but_for_the_last_bit_of_its_tail(kind):
 FOLDERS = ("sim", "oracles/observation", "oracles/judgment", "oracles/catalog", "producers")
 NOT_ON_THE_PATH = (
     *("sim/replay.py", "producers/search", "producers/floorplan/mesh.py", "conformance.py"),
-    *("sim/nodes/bridge.py", "sim/nodes/bridge_messages.py", "sim/nodes/bridge_missions.py"),
+    *(
+        "sim/nodes/bridge.py",
+        "sim/nodes/bridge_messages.py",
+        "sim/nodes/bridge_missions.py",
+        "sim/nodes/bridge_wheels.py",
+    ),
 )
 """Modules that draw a run, propose configurations, make a floor plan's solid, test plug-ins, or speak with a user's nodes."""
 OURS = {
