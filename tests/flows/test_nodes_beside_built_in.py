@@ -1,4 +1,4 @@
-"""The built-in robot beside nodes in a comparison: no difference where nodes repeat its commands, and a planted one at its factor."""
+"""The built-in robot beside nodes that repeat its commands, and beside some with a planted difference."""
 
 import json
 
@@ -48,7 +48,7 @@ def halved(said):
 
 @pytest.fixture(scope="module")
 def directories(tmp_path_factory):
-    """Campaign directories of the built-in robot, of nodes that repeat it, and of nodes that are slow where noise is high."""
+    """Campaigns of the built-in robot, of nodes that repeat it, and of some that are slow where noise is high."""
     folder = tmp_path_factory.mktemp("room")
     drawn_room(folder)
     (folder / "built_in.vast").write_text(CAMPAIGN)

@@ -10,7 +10,7 @@ BRIDGE = str(Path(__file__).with_name("replaying_bridge.py"))
 
 
 def repeated(scenario, run_index, seed):
-    """Execute a run; return its first scan's digest, its commands by tick with the tick of its success, and its recording."""
+    """Return the digest of a run's first scan, its commands with the tick of its success, and its recording."""
     scans, commands, ends = [], [], []
 
     def watch(stack, tick):

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A stand-in for the Python of a ROS 2 installation, whose nodes repeat the commands of a run of the built-in robot.
+"""A stand-in for the Python of a ROS 2 installation, whose nodes repeat commands of the built-in robot.
 
 `REPEATED` names a JSON file: digest of a run's first scan to speed, lateral speed, and yaw rate by tick, and the tick of its success or null.
 """
