@@ -159,7 +159,8 @@ def execute(
             play(tree, checked.timeout_s, simulation, programs, watch, watch_ticks)
         finally:
             tree.shutdown()
-        lines += simulation.finish() if simulation else ()
+        told, health = simulation.finish() if simulation else ((), {})
+        lines += told
         record = programs.close() if programs else None
     ending, behaviors = _ending(tree), table(get_type_hints(StatusChange), tree.changes)
     if simulation:
@@ -177,7 +178,7 @@ def execute(
         used, outputs = (record.usage.cpu_s, record.usage.max_rss_bytes), record.outputs
         left_out = (f"{left.path} ({left.size_bytes} bytes) is not kept: {left.why}" for left in outputs.left_out)
         notes = (*outputs.notes, *left_out, *filter(None, [record.post_command, record.note]))
-        log = RunLog(started_s, ran_s, *used, tuple(lines), record.logs, record.resources, notes)
+        log = RunLog(started_s, ran_s, *used, tuple(lines), record.logs, record.resources, notes, health)
     else:
         peak_bytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
         log = RunLog(started_s, ran_s, time.process_time() - cpu_s, peak_bytes, tuple(lines))

@@ -62,6 +62,7 @@ ALLOWED: Final[dict[str, tuple[int, str]]] = {
     "sim/nodes/channel.py": (1, "a folder that was just made"),
     "sim/nodes/domain.py": (1, "a lock"),
     "sim/scenario/programs/guard.py": (1, "/proc"),
+    "sim/scenario/programs/resources.py": (1, "/proc"),
     "sim/scenario/programs/process.py": (2, "logs that were just opened for writing"),
     "sim/world/map_file.py": (1, "a picture whose bytes the mechanism read"),
     "tasks/engine/child.py": (1, "the empty device"),

@@ -75,6 +75,8 @@ class Ros2Spec(Section):
     """Simulated seconds in a second of the host, where time is paced."""
     most_late: Annotated[float, Field(ge=0.0, le=1.0)] = 0.02
     """Share of paced ticks that may be late; a run with more is broken."""
+    most_waiting: Annotated[float, Field(ge=0.0, le=1.0)] = 0.2
+    """Share of paced time for which a thread of the run may be ready and wait for a CPU; a run with more is broken."""
     mission: Literal["action", "topic"] = "action"
     """Whether missions are Nav2's actions, or goals on a topic."""
     goal_tolerance: Positive = 0.25

@@ -61,9 +61,9 @@ class Simulation(ClosedLoop):
         """Return why the mission was aborted; empty if it was not."""
         return told(self, recoveries_before) if self.error_code else ""
 
-    def finish(self) -> Sequence[str]:
-        """End the run, and return further lines for its log."""
-        return ()
+    def finish(self) -> tuple[Sequence[str], Mapping[str, float]]:
+        """End the run, and return further lines for its log, and its health."""
+        return (), {}
 
     def stands(self, name: str) -> bool:
         return self.standing(name) is not None

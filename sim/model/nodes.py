@@ -24,6 +24,8 @@ FRAMES: Final[Mapping[str, str]] = {"map": "map", "odom": "odom", "base": "base_
 ACTIONS: Final[Mapping[str, str]] = {
     name: f"/{name}" for name in ("navigate_to_pose", "navigate_through_poses", "follow_waypoints")
 }
+HOST_LATE: Final = "the host was late"
+"""What the fault of a run begins with whose time the host did not keep."""
 RECORDED: Final = ("/plan", "/local_costmap/costmap", "/global_costmap/costmap", "/cmd_vel", "/amcl_pose")
 MESSAGES: Final = "ros2"
 """Folder of a run's outputs: `messages.csv` has time, topic, type, and size of each recorded message, `messages.cdr` their contents."""
@@ -62,6 +64,7 @@ class Nodes:
         answer_within_s: Host time after which a missing answer breaks the run.
         real_time_factor: Simulated seconds in a second of the host, where time is paced.
         most_late: Share of paced ticks that may be late; with more the run is broken.
+        most_waiting: Share of paced time for which a thread may wait for a CPU; with more the run is broken.
         mission: Whether missions are Nav2's actions, or goals on a topic.
         goal_tolerance_m: Distance of the true pose from the goal that has reached it, for goals on a topic.
         localization: Who publishes the transform from the map to odometry: `nodes`, or `ideal`, the bridge by the true pose.
@@ -77,6 +80,7 @@ class Nodes:
     answer_within_s: float = 10.0
     real_time_factor: float = 1.0
     most_late: float = 0.02
+    most_waiting: float = 0.2
     mission: Literal["action", "topic"] = "action"
     goal_tolerance_m: float = 0.25
     localization: Literal["nodes", "ideal"] = "nodes"

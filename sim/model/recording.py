@@ -203,6 +203,7 @@ class RunLog:
         texts: Output of each program.
         resources: Samples of the run's processes, once a second of host time.
         notes: Outputs that were left out, and how `post_command` ended.
+        health: What the host and nodes did to the time of a run that nodes drove; empty for others.
     """
 
     started_s: float
@@ -213,6 +214,7 @@ class RunLog:
     texts: tuple[LogText, ...] = ()
     resources: tuple[Use, ...] = ()
     notes: tuple[str, ...] = ()
+    health: Mapping[str, float] = field(default_factory=dict)
 
 
 def run_log_row(log: RunLog) -> dict[str, Any]:
@@ -225,4 +227,4 @@ def run_log_of(row: Mapping[str, Any]) -> RunLog:
     texts = tuple(LogText(**{**text, "command": tuple(text["command"])}) for text in row["texts"])
     resources = tuple(Use(**use) for use in row["resources"])
     numbers = (row["started_s"], row["wall_s"], row["cpu_s"], row["max_rss_bytes"])
-    return RunLog(*numbers, tuple(row["lines"]), texts, resources, tuple(row["notes"]))
+    return RunLog(*numbers, tuple(row["lines"]), texts, resources, tuple(row["notes"]), row.get("health", {}))

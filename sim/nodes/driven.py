@@ -3,18 +3,19 @@
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.model.elementary import cos_sin, hypot
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.model.nodes import MESSAGES, Nodes
+from vastflow.sim.model.nodes import HOST_LATE, MESSAGES, Nodes
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S, ticks_of
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator.state import ABORTED, EVENT_GOAL_REACHED, MAX_EVENTS, RESTING, RUNNING, SUCCEEDED
 from vastflow.sim.nodes.starting import Started
+from vastflow.sim.scenario.programs.resources import waits
 from vastflow.sim.world.robot_model import Lidar
 
 STILL_MPS: Final = 0.05
@@ -32,6 +33,7 @@ class Health:
 
     Attributes:
         late_s: The greatest delay of a paced tick.
+        waited: Share of paced time for which a thread of nodes, bridge, or worker was ready to run and waited for a CPU, the greatest.
         missed: Lines in which nodes say that they missed their rate.
         silent: Scans of a running mission without a command since the scan before; told where time is paced.
     """
@@ -39,6 +41,7 @@ class Health:
     ticks: int = 0
     late_ticks: int = 0
     late_s: float = 0.0
+    waited: float = 0.0
     missed: int = 0
     silent: int = 0
     commands: int = 0
@@ -50,7 +53,7 @@ class Health:
             said = f"lock step by {nodes.answer}"
         else:
             said = f"paced at {nodes.real_time_factor:g}: {self.late_ticks} of {self.ticks} ticks late, {1e3 * self.late_s:.0f} ms at most"
-            said += f", {self.silent} scans without a command"
+            said += f", a thread waited {self.waited:.0%} of the time for a CPU, {self.silent} scans without a command"
         said += f", {self.commands} commands, {self.missed} control loops missed by the nodes' own words"
         return f"health: {said}{f', {self.dropped} messages not recorded' if self.dropped else ''}"
 
@@ -77,6 +80,7 @@ class DrivenSimulation(Simulation):
         self._mission: Mission | None = None
         self._updates = 0
         self._began_s: float | None = None
+        self._waits: tuple[float, dict[str, float]] | None = None
         self._why = ""
         self.health = Health()
         self._messages: list[tuple[int, str, str, bytes]] = []
@@ -123,25 +127,31 @@ class DrivenSimulation(Simulation):
     def failure(self, recoveries_before: int) -> str:
         return self._why if self.status == ABORTED else ""
 
-    def finish(self) -> Sequence[str]:
+    def finish(self) -> tuple[Sequence[str], Mapping[str, float]]:
         """Keep the recorded messages as outputs of the run, and return its health, and warnings and errors of the nodes.
 
         Raises:
-            ScenarioError: the host was late more often than the run may be. It is not to be judged.
+            ScenarioError: the host was late more often than the run may be, or its threads waited too long. It is not to be judged.
         """
         health, nodes = self.health, self._nodes
+        if self._waits is not None:
+            (since_s, before), now = self._waits, waits(self._started.programs.pids())
+            longest_s = max((waited_s - before.get(place, 0.0) for place, waited_s in now.items()), default=0.0)
+            health.waited = longest_s / (time.monotonic() - since_s)
+        late = ""
         if health.late_ticks > nodes.most_late * health.ticks:
-            raise ScenarioError(
-                f"the host was late in {health.late_ticks} of {health.ticks} ticks, by {1e3 * health.late_s:.0f} ms at most. "
-                f"{nodes.most_late:.0%} may be. Use fewer workers, or a lower real_time_factor."
-            )
+            late = f"in {health.late_ticks} of {health.ticks} ticks, by {1e3 * health.late_s:.0f} ms at most. {nodes.most_late:.0%} may be"
+        elif health.waited > nodes.most_waiting:
+            late = f"as a thread waited {health.waited:.0%} of the time for a CPU. {nodes.most_waiting:.0%} may be"
+        if late:
+            raise ScenarioError(f"{HOST_LATE} {late}. Use fewer workers, or a lower real_time_factor.")
         if self._messages:
             folder = self._started.programs.folders.out / MESSAGES
             folder.mkdir(exist_ok=True)
             rows = (f"{t_ns},{topic},{kind},{len(content)}\n" for t_ns, topic, kind, content in self._messages)
             (folder / "messages.csv").write_text("".join(["t_ns,topic,type,bytes\n", *rows]), encoding="utf-8")
             (folder / "messages.cdr").write_bytes(b"".join(content for *_, content in self._messages))
-        return [health.line(nodes), *self._lines]
+        return [health.line(nodes), *self._lines], asdict(health)
 
     def cancel(self) -> None:
         if self.status == RUNNING:
@@ -178,6 +188,8 @@ class DrivenSimulation(Simulation):
         """Wait for the host's clock where time is paced."""
         if not self.is_paced:
             return
+        if self._waits is None:
+            self._waits = time.monotonic(), waits(self._started.programs.pids())
         now_s = time.monotonic()
         if self._began_s is None:
             self._began_s = now_s - self.now_s / self._nodes.real_time_factor

@@ -28,6 +28,7 @@ from vastflow.sim.nodes import domain
 from vastflow.sim.nodes.domain import own_domain
 from vastflow.sim.run import execute
 from vastflow.sim.scenario.programs import guard as guarding
+from vastflow.sim.scenario.programs.resources import waits
 from vastflow.sim.scenario.programs.run import process_run
 
 BRIDGE = str(Path(__file__).parents[1] / "support" / "false_bridge.py")
@@ -241,19 +242,97 @@ def test_recorded_messages_are_outputs_of_the_run(driven):
     assert [list(column) for column in table.values()][1:] == [["/plan"], ["nav_msgs/msg/Path"], [4]]
 
 
+PACED = {"time": "paced", "most_waiting": 1.0, "goal": {"x": 3.9, "y": 1.0}}
+"""Time by the clock, whatever else this machine does."""
+
+
 def test_paced_run_that_the_host_made_late_is_broken(driven):
     with pytest.raises(
-        ScenarioError, match=r"the host was late in .* Use fewer workers, or a lower real_time_factor\."
+        ScenarioError,
+        match=r"^the host was late in .* 2% may be\. Use fewer workers, or a lower real_time_factor\.$",
     ):
-        driven("slow", time="paced", timeout_s=3.0, goal={"x": 3.9, "y": 1.0})
+        driven("slow", **PACED, timeout_s=3.0)
+
+
+def test_paced_run_that_the_host_made_late_is_broken_although_its_nodes_failed(driven):
+    with pytest.raises(ScenarioError, match="the host was late in"):
+        driven("slow nan", **PACED, timeout_s=3.0)
+
+
+class JumpingClock:
+    """A clock that only sleeps move; the tenth jumps ahead."""
+
+    def __init__(self, jump_s):
+        self.now_s, self.jump_s, self.sleeps = 100.0, jump_s, 0
+
+    def monotonic(self):
+        return self.now_s
+
+    def sleep(self, for_s):
+        self.sleeps += 1
+        self.now_s += for_s + (self.jump_s if self.sleeps == 10 else 0.0)
+
+
+@each_row(("jump_s", "late_ticks"), [(0.07, 0), (0.08, 1), (0.31, 5)])
+def test_paced_ticks_count_as_late_from_half_a_tick_on(driven, monkeypatch, jump_s, late_ticks):
+    monkeypatch.setattr("vastflow.sim.nodes.driven.time", JumpingClock(jump_s))
+    log = driven(**PACED, most_late=1.0, timeout_s=2.0).log
+    assert (log.health["ticks"], log.health["late_ticks"]) == (40, late_ticks)
+    assert log.health["late_s"] == pytest.approx(jump_s - 0.05 if late_ticks else 0.0)
+    assert f"health: paced at 1: {late_ticks} of 40 ticks late, {1e3 * log.health['late_s']:.0f} ms" in log.lines[-2]
 
 
 def test_paced_run_takes_the_time_of_its_clock(driven):
     began_s = time.monotonic()
-    execution = driven(time="paced", real_time_factor=2.0, most_late=1.0, timeout_s=2.0, goal={"x": 3.9, "y": 1.0})
+    execution = driven(**PACED, real_time_factor=2.0, most_late=1.0, timeout_s=2.0)
     assert time.monotonic() - began_s >= 1.0
     assert (execution.recording.run.outcome, execution.recording.run.simulated_s) == ("timed_out", 2.0)
     assert "health: paced at 2: " in execution.log.lines[-2]
+
+
+@pytest.fixture
+def waited(monkeypatch):
+    """Set for how long each thread waits for a CPU while a run is paced."""
+
+    def set_waits(**after_s):
+        told = iter([{"ended": 9.0, "node": 5.0}, {name: 5.0 + waited_s for name, waited_s in after_s.items()}])
+        monkeypatch.setattr("vastflow.sim.nodes.driven.waits", lambda pids: next(told))
+        monkeypatch.setattr("vastflow.sim.nodes.driven.time", JumpingClock(0.0))
+
+    return set_waits
+
+
+def test_paced_run_of_which_a_thread_waited_long_for_a_cpu_is_broken(driven, waited):
+    waited(bridge=-4.9, node=0.9)
+    with pytest.raises(
+        ScenarioError, match=r"the host was late as a thread waited 47% of the time for a CPU\. 40% may be"
+    ):
+        driven(**{**PACED, "most_waiting": 0.4}, timeout_s=2.0)
+
+
+def test_health_tells_the_longest_wait_for_a_cpu_of_paced_time_alone(driven, waited):
+    waited(bridge=-4.9, node=0.9)
+    paced = driven(**PACED, timeout_s=2.0).log
+    assert paced.health["waited"] == pytest.approx(0.9 / 1.9)
+    assert f"a thread waited {paced.health['waited']:.0%} of the time for a CPU" in paced.lines[-2]
+    stepped = driven().log
+    assert stepped.health["waited"] == 0.0 and "CPU" not in stepped.lines[-2]
+
+
+@pytest.mark.skipif(not Path("/proc/thread-self/schedstat").exists(), reason="this system does not count waits")
+def test_waits_of_a_thread_grow_while_others_have_its_cpu():
+    text = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\nwhile True: pass"
+    busy = [subprocess.Popen([sys.executable, "-c", text]) for _ in range(2)]
+    try:
+        pid = busy[0].pid
+        until_s, before_s = time.monotonic() + 20.0, waits([pid])[f"/proc/{pid}/task/{pid}"]
+        while (now_s := waits([pid, 0])[f"/proc/{pid}/task/{pid}"]) < before_s + 0.3 and time.monotonic() < until_s:
+            time.sleep(0.1)
+        assert now_s >= before_s + 0.3
+    finally:
+        for each in busy:
+            each.kill()
+            each.wait()
 
 
 @each_row(

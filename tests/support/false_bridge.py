@@ -57,7 +57,7 @@ def main():
             if message.get("localize"):
                 told += 1
                 estimate = message["localize"] if behavior != "deaf" or told == 3 else None
-            if behavior == "slow":
+            if "slow" in behavior:
                 time.sleep(0.2)
             if behavior == "dies" and scans == 5:
                 sys.exit("no memory left")
@@ -69,7 +69,7 @@ def main():
             commands += bool(content)
             speed_mps = 0.3 if message["odom"][0] < 1.4 else 0.0
             turn_radps = 0.5 if behavior == "turns" else 0.0
-            command = [speed_mps, 0.0, math.nan if behavior == "nan" and scans == 5 else turn_radps]
+            command = [speed_mps, 0.0, math.nan if "nan" in behavior and scans == 5 else turn_radps]
             recorded = [[message["t_ns"], "/plan", "nav_msgs/msg/Path", 4]] if scans == 3 and content else []
             answer = {
                 "command": command if content else None,

@@ -1,8 +1,11 @@
 """Resource samples of a run: what its processes and containers use, once a second."""
 
+import glob
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import psutil
@@ -13,6 +16,18 @@ if TYPE_CHECKING:
     from vastflow.sim.scenario.programs.runtimes import Started
 
 SAMPLED_S: Final = 1.0
+
+
+def waits(pids: Iterable[int]) -> dict[str, float]:
+    """Return how long (s) each thread of processes, and the calling one, waited for a CPU.
+
+    It was ready to run then. Keys are folders of `/proc`. Empty where the system does not count it.
+    """
+    found = {}
+    for place in ["/proc/thread-self", *(place for pid in pids for place in glob.iglob(f"/proc/{pid}/task/*"))]:
+        with suppress(OSError, LookupError):  # it has ended
+            found[place] = int(Path(place, "schedstat").read_text("ascii").split()[1]) / 1e9
+    return found
 
 
 class ResourceSampler:
