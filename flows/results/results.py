@@ -26,7 +26,7 @@ from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.provenance import DEFAULTS_KEY, origin_row
 from vastflow.flows.results.rows import KeptRows, StoredResult, one_block, parts, rows_of
 from vastflow.flows.results.summary import Results, Summary, Work
-from vastflow.flows.results.tables import RunTables, write_instantiation
+from vastflow.flows.results.tables import KeptLogs, RunTables, health_text, write_instantiation
 from vastflow.oracles.results.executed import NAMED_FILES
 from vastflow.oracles.results.former import VERSION
 from vastflow.producers.campaign import Campaign
@@ -127,6 +127,9 @@ def write_results(
         stood_still=tables.stood_still,
     )
     all_faults = [*faults, *tables.faults]
+    if campaign.nodes is not None and campaign.nodes.time == "paced":
+        kept = {each.name: runs[each.name] for each in distinct}
+        metadata["health"] = health_text(KeptLogs(place), kept, campaign.nodes, all_faults)
     _write_outcome(place, metadata, summary, all_faults)  # the report reads it
     try:
         if headline := report(place):

@@ -1,6 +1,7 @@
 """The tables of a campaign directory: rows of configurations, runs, and verdicts, and the files that hold them."""
 
 from collections import Counter
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +12,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vastflow.flows.results.rows import Rows
+from vastflow.oracles.evidence.headline import percent_text
 from vastflow.oracles.judgment.verdict import Judgment
+from vastflow.oracles.page.words import plural
 from vastflow.oracles.results.schema import (
     BEHAVIORS_FILE,
     CONFIGURATIONS,
@@ -29,6 +32,7 @@ from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.files import Missing, json_value, open_file
+from vastflow.sim.model.nodes import HOST_LATE, Nodes
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.world.environment import ground_file
 from vastflow.tasks.engine.engine import RunFault
@@ -167,3 +171,19 @@ class KeptLogs:
             for line in lines:
                 found.setdefault(json_value(line)["configuration"], []).append(line)
         return found
+
+
+def health_text(logs: KeptLogs, runs: Mapping[str, int], nodes: Nodes, faults: Iterable[RunFault]) -> str:
+    """Return how well the host kept pace with a campaign's runs, by their logs and faults.
+
+    Args:
+        runs: Number of runs by configuration; others in the logs don't count.
+    """
+    rows = [row for name, number in runs.items() for row in logs.of(name) if row["run_index"] < number]
+    kept = [health for row in rows if (health := row.get("health"))]
+    ticks, late, missed = (sum(each[name] for each in kept) for name in ("ticks", "late_ticks", "missed"))
+    said = f"{plural(len(kept), 'run')} paced at {nodes.real_time_factor:g} times real time: {percent_text(late / max(ticks, 1))} of ticks late, "
+    said += f"threads waited {max((each['waited'] for each in kept), default=0.0):.0%} of the time for a CPU at most, "
+    said += f"{missed} control loops missed by the nodes' own words"
+    lost = len({(each.configuration, each.run_index) for each in faults if each.error.startswith(HOST_LATE)})
+    return f"{said}; {plural(lost, 'run')} not judged, as the host was late" if lost else said

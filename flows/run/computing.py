@@ -21,6 +21,7 @@ from vastflow.tasks.engine.engine import Engine, RunsWanted
 from vastflow.tasks.engine.executor import Executor
 from vastflow.tasks.engine.index import Index
 from vastflow.tasks.engine.machine_check import check_machine
+from vastflow.tasks.engine.pace import Pace
 from vastflow.tasks.engine.pool import Pool, cores
 from vastflow.tasks.engine.progress import Observer, Reporter, Tally
 from vastflow.tasks.keys.keys import Keys
@@ -117,10 +118,12 @@ def open_computing(
     log = campaign_log.new_log(logs / "logs", label, created)
     with campaign_log.own_log(log):
         check_machine()
-        executor: Executor = Pool(workers or cores(), log)
-        if cluster is not None:
-            executor = _cluster(cluster, opened.store, executor, tally, log)
-        engine = Engine(Index(opened.store, keys), executor, tally, oracles, stopping, whole_units=not stage)
+        pool = Pool(workers or cores(), log)
+        executor = pool if cluster is None else _cluster(cluster, opened.store, pool, tally, log)
+        options: dict[str, Any] = {"whole_units": not stage}
+        if cluster is None:  # else workers of other machines keep pace or not
+            options["pace"] = Pace(pool, tally.notice).keep
+        engine = Engine(Index(opened.store, keys), executor, tally, oracles, stopping, **options)
         try:
             yield Computing(opened.name, stage, engine, tally, log, created)
         finally:

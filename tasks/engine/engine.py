@@ -99,6 +99,7 @@ class Engine:
         stopping: None where the number of runs of a configuration is fixed.
         whole_units: Whether a unit of runs is observed and judged where it was executed: verdicts are known unit by unit, and the later
             stages find them in the store. Else it is executed only.
+        pace: Is given the scenario and the seed of each unit before it is executed, see `Pace.keep`.
 
     Attributes:
         index: The campaign's artifacts in the store.
@@ -114,6 +115,7 @@ class Engine:
         stopping: RunsWanted | None = None,
         *,
         whole_units: bool = False,
+        pace: Callable[..., object] = lambda *_: None,
     ) -> None:
         self.index = index
         self.ended_by: StoreError | ClusterError | None = None
@@ -122,7 +124,7 @@ class Engine:
         self._tally = tally
         self._given = tuple(oracles)
         self._stopping = stopping
-        self._whole_units = whole_units
+        self._whole_units, self._pace = whole_units, pace
         self._lock = threading.Lock()
         self._ready: Future[Any] | None = None
         self._feeder = Feeder(lambda: executor.workers, self._execute)
@@ -301,6 +303,7 @@ class Engine:
         # Workers that compiled at once would each compile the same kernels: one fills the cache first.
         if self._ready is not None and configuration.drives:
             self._answer(self._ready)
+        self._pace(configuration.scenario, self.index.keys.seed)
         # Workers need no sources: their digests are in the keys.
         keys, scenario = replace(self.index.keys, sources=None), configuration.scenario
         priority, checked = Priority.EXECUTE, configuration.checked

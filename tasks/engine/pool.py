@@ -31,10 +31,8 @@ from vastflow.tasks.engine.process import SAFE_PATH, safe_path
 
 
 def cores() -> int:
-    """Return the number of processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    """Return the number of processors this process may use, by its affinity and its control group."""
+    return int(loky.cpu_count())
 
 
 TRIES: Final = 3
@@ -134,6 +132,11 @@ class Pool:
     def workers_table(self) -> list[dict[str, Any]]:
         return []
 
+    def bound(self, workers: int) -> None:
+        """Go on with at most so many workers, at once if no unit is open."""
+        self.workers = min(self.workers, workers)
+        self._own(self._shrink)
+
     def rest(self) -> None:
         self._own(self._rest)
 
@@ -166,7 +169,7 @@ class Pool:
                 del self._open[heapq.heappop(self._waiting).number]
                 continue
             # One worker first, the others when there is much to do: to start one takes longer than judging many runs.
-            grown = len(self._lanes) == min(self.workers, 2)
+            grown = len(self._lanes) >= min(self.workers, 2)
             lane = next((each for each in self._lanes if each.in_flight < each.workers), None)
             if lane is None and not grown and (not self._lanes or self._is_much()):
                 lane = _Lane(self.workers - 1 if self._lanes else 1, self._log)
@@ -237,6 +240,10 @@ class Pool:
             for lane in self._lanes:
                 lane.executor.shutdown(wait=True, kill_workers=True)
             self._lanes.clear()
+
+    def _shrink(self) -> None:
+        if sum(lane.workers for lane in self._lanes) > self.workers:
+            self._rest()
 
     def _end(self) -> None:
         for lane in filter(None, (*self._lanes, self._solo)):

@@ -225,3 +225,18 @@ def _alive(pid):
         return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:
         return False
+
+
+def test_bounded_pool_goes_on_with_fewer_processes(tmp_path):
+    pool = Pool(3)
+    try:
+        pairs = [pool.submit(meet, tmp_path, *names, priority=Priority.EXECUTE) for names in ("ab", "ba")]
+        others = [pool.submit(process_of, 0.0, priority=Priority.EXECUTE) for _ in range(MANY * 3)]
+        assert all(each.result() for each in pairs) and all(each.result() for each in others)
+        pool.bound(5)
+        assert pool.workers == 3
+        pool.bound(1)
+        after = [pool.submit(process_of, 0.01, priority=Priority.EXECUTE) for _ in range(MANY * 3)]
+        assert (pool.workers, len({each.result() for each in after})) == (1, 1)
+    finally:
+        pool.close()
