@@ -9,7 +9,8 @@ Parts: `example` (both configurations of the example, N runs by two workers: out
 no code with the bridge hears: types, QoS, rates, stamps, frames, the tree of transforms, the map, and each scan's bytes), `actions` (Nav2's three
 actions, one that aborts), `limits` (nodes that flood a topic, die, never start, and publish no numbers), `containers` (the
 example in containers by bubblewrap and runc, which needs an environment outside of /tmp: equal bytes to those without), `kills` (kill -9 of the worker, the bridge, and
-nodes at random points). Exit code 1 when one is not as it should be.
+nodes at random points), `paced` (a node with a control timer of 20 Hz, of simulated time and of the host's, by two workers at 1 and 2 times
+real time: how many are judged as the machine is, and beside eight busy processes; none may fail). Exit code 1 when one is not as it should be.
 """
 
 import argparse
@@ -33,6 +34,7 @@ from typing import Any
 import numpy as np
 import psutil
 import ros2_environment
+import yaml
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
@@ -45,7 +47,7 @@ from vastflow.sim.scenario.programs.folders import files_matching
 
 CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "nodes" / "nodes.vast"
 UNDER_TEST = Path(__file__).parent / "ros2_nodes_under_test"
-PARTS = ("example", "observed", "actions", "limits", "containers", "kills")
+PARTS = ("example", "observed", "actions", "limits", "containers", "kills", "paced")
 OFFERED = {
     "/clock": ("rosgraph_msgs/msg/Clock", "BEST_EFFORT", "VOLATILE"),
     "/scan": ("sensor_msgs/msg/LaserScan", "BEST_EFFORT", "VOLATILE"),
@@ -310,6 +312,56 @@ class Proof:
                     time.sleep(0.1)
             self.check(not left, f"point {point}: {whom} {'killed' if pids else 'had ended'}: left {left or 'nothing'}")
 
+    def paced(self, runs: int) -> None:
+        for busy in (0, 8):
+            text = f"import os\nwhile os.getppid() == {os.getpid()}: pass"
+            hogs = [subprocess.Popen([sys.executable, "-c", text], start_new_session=True) for _ in range(busy)]
+            try:
+                for clock, factor, computes_s in (("sim", 1, 0), ("host", 1, 0), ("sim", 2, 0), ("host", 1, 0.02)):
+                    self._paced(runs, f"{clock} {computes_s}", factor, busy)
+            finally:
+                for each in hogs:
+                    each.kill()
+                    each.wait()
+
+    def _paced(self, runs: int, arguments: str, factor: int, busy: int) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            shutil.copytree(CAMPAIGN.parent, Path(folder) / "nodes")
+            shutil.copy(UNDER_TEST / "timed.py", Path(folder) / "nodes")
+            content = yaml.safe_load(CAMPAIGN.read_text())
+            content["configuration"].pop()
+            command = f"{self.python} timed.py {arguments}"
+            content["execution"] |= {
+                "run_files": ["timed.py"],
+                "nodes": [{"timed": {"command": command, "ready": {"topic": "/cmd_vel"}}}],
+            }
+            content["execution"]["ros2"] |= {"python": self.python, "time": "paced", "real_time_factor": factor}
+            (Path(folder) / "nodes" / "nodes.vast").write_text(yaml.safe_dump(content))
+            places = ["--results", f"{folder}/results", "--store", f"{folder}/store"]
+            command_line = [
+                sys.executable,
+                "-m",
+                "vastflow.flows.cli",
+                "run",
+                f"{folder}/nodes/nodes.vast",
+                "--workers",
+                "2",
+            ]
+            ran = subprocess.run(
+                [*command_line, "--runs", str(runs), *places, "--json"], capture_output=True, text=True, check=False
+            )
+            (results,) = Path(folder, "results").iterdir()
+            metadata = json.loads((results / "metadata.json").read_text())
+            counts = metadata["counts"]
+            passed, failed, broken = (counts[name] for name in ("passed", "failed", "not_judged"))
+            is_right = failed == 0 and passed + broken == runs and (broken == 0 or busy > 0 or os.getloadavg()[0] > 2.5)
+            said = next((line for line in ran.stderr.splitlines() if "as a paced run takes" in line), "no bound")
+            self.check(
+                is_right,
+                f"timed.py {arguments} at {factor}, {busy} busy, load {os.getloadavg()[0]:.1f}: {passed} passed, {failed} failed, "
+                f"{broken} not judged. {metadata['health']}. {said.strip()}",
+            )
+
     def _left(self, place: Path, before: set[int]) -> list[str]:
         """Return what runs left: processes, folders, and domains."""
         domains = [each for each in (place / "vastflow-ros-domains").glob("*") if is_locked(each)]
@@ -343,7 +395,8 @@ def main() -> int:
             return 0
         for part in asked.only:
             print(f"== {part}")
-            arguments = {"example": [asked.runs], "kills": [asked.points, asked.seed]}.get(part, [])
+            runs = [asked.runs]
+            arguments = {"example": runs, "paced": runs, "kills": [asked.points, asked.seed]}.get(part, [])
             getattr(proof, part)(*arguments)
     print(f"{proof.wrong} wrong")
     return int(proof.wrong > 0)
