@@ -181,9 +181,10 @@ def health_text(logs: KeptLogs, runs: Mapping[str, int], nodes: Nodes, faults: I
     """
     rows = [row for name, number in runs.items() for row in logs.of(name) if row["run_index"] < number]
     kept = [health for row in rows if (health := row.get("health"))]
-    ticks, late, missed = (sum(each[name] for each in kept) for name in ("ticks", "late_ticks", "missed"))
-    said = f"{plural(len(kept), 'run')} paced at {nodes.real_time_factor:g} times real time: {percent_text(late / max(ticks, 1))} of ticks late, "
-    said += f"threads waited {max((each['waited'] for each in kept), default=0.0):.0%} of the time for a CPU at most, "
-    said += f"{missed} control loops missed by the nodes' own words"
+    said = f"{plural(len(kept), 'run')} paced at {nodes.real_time_factor:g} times real time"
+    if kept:
+        ticks, late, missed = (sum(each[name] for each in kept) for name in ("ticks", "late_ticks", "missed"))
+        said += f": {percent_text(late / max(ticks, 1))} of ticks late, threads waited {max(each['waited'] for each in kept):.0%} of the time "
+        said += f"for a CPU at most, {plural(missed, 'control loop')} missed by the nodes' own words"
     lost = len({(each.configuration, each.run_index) for each in faults if each.error.startswith(HOST_LATE)})
     return f"{said}; {plural(lost, 'run')} not judged, as the host was late" if lost else said

@@ -1,4 +1,4 @@
-"""Pace: how many runs that go by the host's clock this machine executes at a time, measured by a run that nobody keeps."""
+"""Pace: how many runs by the host's clock this machine executes at a time, by a probe."""
 
 import time
 from collections.abc import Callable

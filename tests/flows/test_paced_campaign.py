@@ -1,4 +1,4 @@
-"""A campaign whose nodes have time by the host's clock: its workers, its health in the report, and the runs that count."""
+"""Campaigns paced by the host's clock: workers, health in the report, and runs that count."""
 
 import html
 import json
@@ -37,7 +37,7 @@ BRIDGE = Path(__file__).parents[1] / "support" / "false_bridge.py"
 
 @pytest.fixture
 def campaign(flow_folder, monkeypatch):
-    """Runs a campaign by two workers on a machine on which one run takes far too much; gives its results and what was said."""
+    """Run a campaign by two workers where no run fits, and return what was said too."""
     monkeypatch.setattr(pace, "PACED_SHARE", 0.001)
     drawn_room(flow_folder / "campaign")
 
@@ -81,5 +81,4 @@ def test_runs_that_the_host_made_late_are_counted_as_such_and_never_as_failed(ca
     found, _ = campaign(2, 0.02, timeout=1)
     assert (found.summary.failed, found.summary.not_judged, len(found.faults)) == (0, 2, 2)
     told = json.loads((found.directory / "metadata.json").read_text())["health"]
-    assert told.startswith("0 runs paced at 2 times real time: 0 % of ticks late")
-    assert told.endswith("; 2 runs not judged, as the host was late")
+    assert told == "0 runs paced at 2 times real time; 2 runs not judged, as the host was late"

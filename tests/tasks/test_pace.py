@@ -35,7 +35,7 @@ class Pool(AtOnce):
 
 @pytest.fixture
 def kept(monkeypatch):
-    """Keeps pace of a scenario on a machine of 4 cores, twice, and returns the pool and what was said."""
+    """Keep pace twice on 4 cores, and return the pool and what was said."""
     monkeypatch.setattr(pace, "cores", lambda: 4)
 
     def keep(answer, workers=4, scenario=PACED):
