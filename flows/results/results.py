@@ -128,8 +128,8 @@ def write_results(
     )
     all_faults = [*faults, *tables.faults]
     if campaign.nodes is not None and campaign.nodes.time == "paced":
-        kept = {each.name: runs[each.name] for each in distinct}
-        metadata["health"] = health_text(KeptLogs(place), kept, campaign.nodes, all_faults)
+        asked = {each.name: runs[each.name] for each in distinct}
+        metadata["health"] = health_text(KeptLogs(place), asked, campaign.nodes, all_faults)
     _write_outcome(place, metadata, summary, all_faults)  # the report reads it
     try:
         if headline := report(place):

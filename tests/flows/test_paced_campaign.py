@@ -51,7 +51,7 @@ def campaign(flow_folder, monkeypatch):
     return run
 
 
-def test_paced_campaign_counts_its_runs_alone_and_tells_their_health(campaign):
+def test_paced_campaign_counts_its_runs_alone(campaign):
     found, said = campaign(2, 1)
     (line,) = said
     assert re.fullmatch(
@@ -76,7 +76,7 @@ def test_paced_campaign_counts_its_runs_alone_and_tells_their_health(campaign):
     assert (more.summary.executed, more.summary.reused, len(said)) == (1, 2, 1)
 
 
-def test_runs_that_the_host_made_late_are_counted_as_such_and_never_as_failed(campaign, monkeypatch):
+def test_late_runs_never_count_as_failed(campaign, monkeypatch):
     monkeypatch.setenv("BEHAVIOR", "slow")
     found, _ = campaign(2, 0.02, timeout=1)
     assert (found.summary.failed, found.summary.not_judged, len(found.faults)) == (0, 2, 2)

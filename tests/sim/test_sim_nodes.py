@@ -254,7 +254,7 @@ def test_paced_run_that_the_host_made_late_is_broken(driven):
         driven("slow", **PACED, timeout_s=3.0)
 
 
-def test_paced_run_that_the_host_made_late_is_broken_although_its_nodes_failed(driven):
+def test_late_run_is_broken_although_its_nodes_failed(driven):
     with pytest.raises(ScenarioError, match="the host was late in"):
         driven("slow nan", **PACED, timeout_s=3.0)
 
@@ -302,7 +302,7 @@ def waited(monkeypatch):
     return set_waits
 
 
-def test_paced_run_of_which_a_thread_waited_long_for_a_cpu_is_broken(driven, waited):
+def test_paced_run_with_a_long_wait_for_a_cpu_is_broken(driven, waited):
     waited(bridge=-4.9, node=0.9)
     with pytest.raises(
         ScenarioError, match=r"the host was late as a thread waited 47% of the time for a CPU\. 40% may be"
@@ -310,7 +310,7 @@ def test_paced_run_of_which_a_thread_waited_long_for_a_cpu_is_broken(driven, wai
         driven(**{**PACED, "most_waiting": 0.4}, timeout_s=2.0)
 
 
-def test_health_tells_the_longest_wait_for_a_cpu_of_paced_time_alone(driven, waited):
+def test_health_tells_longest_wait_of_paced_time(driven, waited):
     waited(bridge=-4.9, node=0.9)
     paced = driven(**PACED, timeout_s=2.0).log
     assert paced.health["waited"] == pytest.approx(0.9 / 1.9)
@@ -320,7 +320,7 @@ def test_health_tells_the_longest_wait_for_a_cpu_of_paced_time_alone(driven, wai
 
 
 @pytest.mark.skipif(not Path("/proc/thread-self/schedstat").exists(), reason="this system does not count waits")
-def test_waits_of_a_thread_grow_while_others_have_its_cpu():
+def test_waits_grow_while_others_have_the_cpu():
     text = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\nwhile True: pass"
     busy = [subprocess.Popen([sys.executable, "-c", text]) for _ in range(2)]
     try:

@@ -73,7 +73,7 @@ def test_workers_are_bounded_by_three_quarters_of_the_cores(kept, taken, workers
         (PACED, 1),
     ],
 )
-def test_nothing_is_probed_where_no_bound_would_follow(kept, scenario, workers):
+def test_pace_probes_nothing_without_a_bound(kept, scenario, workers):
     pool, lines = kept(2.0, workers, scenario)
     assert (pool.workers, pool.probes, lines) == (workers, [], [])
 
@@ -84,7 +84,7 @@ def test_probe_that_breaks_bounds_nothing(kept, answer):
     assert (pool.workers, len(pool.probes), lines) == (4, 1, [])
 
 
-def test_probe_is_ten_seconds_of_the_host_at_most_and_breaks_by_no_lateness(monkeypatch):
+def test_probe_takes_ten_seconds_at_most(monkeypatch):
     asked = []
 
     def executed(scenario, run_index, seed):
