@@ -26,6 +26,7 @@ MOST_RECORDED_BYTES = 16 << 20
 QUIET_S = 0.5
 """Time without a change of the graph after which nodes have found each other, and without an answer after which late ones have come."""
 REPEAT_S = 1.0
+MOST_DOUBTFUL = 10
 AT_ONCE_S = 1e-6
 """An executor that waits for no time at all ends after one message of each topic, as if that were all."""
 
@@ -96,7 +97,7 @@ class Bridge:
         self._subscribe(self.topics["rosout"], "rcl_interfaces/msg/Log", qos(1000), self._heard_log)
         self.ticks = self.scans = 0
         self.late: set[int] = set()
-        self.is_in_step = False
+        self.doubtful = 0
 
     def _subscribe(self, topic: str, kind: str, profile: Any, callback: Callable[[Any], None] | None = None) -> None:
         """Have messages of a topic heard by a callback, recorded where that is asked for, and counted as answers."""
@@ -211,7 +212,7 @@ class Bridge:
     def go(self, mission: dict[str, Any], wait_s: float) -> None:
         """Send a mission by its action, or its goal by the topic, when answers to earlier scans have come."""
         self._hear_late_answers(QUIET_S)
-        self.is_in_step = False
+        self.doubtful = MOST_DOUBTFUL
         poses = [self._pose_stamped(pose) for pose in mission["goals"]]
         if self.setup["mission"] == "topic":
             self.missions.begin()
@@ -261,7 +262,7 @@ class Bridge:
             self.drain()  # what came before is no answer to the scan
             if self.answers < self.scans:
                 self.late.add(self.scan_ns)
-            if message["await"]:
+            if message["await"] and self.doubtful in (0, MOST_DOUBTFUL):
                 self.scans = self.answers
         self.now_ns = message["t_ns"]
         if message.get("cancel"):
@@ -299,21 +300,18 @@ class Bridge:
     def _await_answer(self, message: dict[str, Any], ranges: bytes) -> bool:
         """Wait for the answer to a scan, and return whether it came.
 
-        The first one of a mission is sent again each second, as nodes may have found the bridge and not yet each other. Answers to
-        repetitions are waited for too: a late one would stand for the next scan's.
+        The first one of a mission is sent again each second, as nodes may have found the bridge and not yet each other. While fewer
+        answers than scans have come, more are waited for after each of the next scans: a late one may have stood for its own.
         """
         began_s, before = time.monotonic(), self.answers
-        until_s = began_s + message["wait_s"]
-        while not self._until(
-            lambda: self.answers > before or self.missions.told["state"] != "running",
-            min(message["wait_s"] if self.is_in_step else REPEAT_S, max(0.0, until_s - time.monotonic())),
-        ):
-            if time.monotonic() >= until_s:
+        look_s = REPEAT_S if self.doubtful == MOST_DOUBTFUL else message["wait_s"]
+        while not self._until(lambda: self.answers > before or self.missions.told["state"] != "running", look_s):
+            if time.monotonic() >= began_s + message["wait_s"]:
                 return False
             self._publish_scan(message, ranges)
-        if not self.is_in_step:
-            self._hear_late_answers(max(QUIET_S, time.monotonic() - began_s))
-            self.is_in_step = True
+        if self.doubtful:
+            self._hear_late_answers(max(QUIET_S, 2.0 * (time.monotonic() - began_s)))
+            self.doubtful = self.doubtful - 1 if self.answers < self.scans else 0
         return True
 
     def _hear_late_answers(self, quiet_s: float) -> None:

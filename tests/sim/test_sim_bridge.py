@@ -117,6 +117,13 @@ def test_answers_to_repetitions_are_none_to_the_next_scan(bridge, network):
     assert [robot.tick() for _ in range(4)] == [3, None, 4, None]
 
 
+def test_answer_to_a_repetition_that_comes_very_late_moves_no_later_one(bridge, network):
+    commanded(network, [1.2, 4.0, 1.7, 0.2, 0.2])  # at 1.2 s and, when the next scan is awaited, at 5.0 s
+    robot = bridge()
+    robot.send()
+    assert [robot.tick() for _ in range(6)] == [1, None, 3, None, 4, None]
+
+
 def test_surplus_answer_lets_no_later_scan_go_unanswered(bridge, network):
     commanded(network, [0.01, 0.01, 0.2, 0.2, 0.2])
     robot = bridge()
