@@ -8,7 +8,8 @@ Makes an environment by `ros2_environment.py`, or uses the one that `--environme
 Parts: `example` (both configurations of the example, N runs by two workers: outcomes, and equal bytes), `observed` (what an observer that shares
 no code with the bridge hears: types, QoS, rates, stamps, frames, the tree of transforms, the map, and each scan's bytes), `actions` (Nav2's three
 actions, one that aborts), `limits` (nodes that flood a topic, die, never start, and publish no numbers), `containers` (the
-example in containers by bubblewrap and runc, which needs an environment outside of /tmp: equal bytes to those without), `kills` (kill -9 of the worker, the bridge, and
+example in containers by bubblewrap and runc, which needs an environment outside of /tmp: equal bytes to those without), `overhead` (CPU time of the
+bridge and of the exchange with it in a simulated second, beside the built-in robot's), `kills` (kill -9 of the worker, the bridge, and
 nodes at random points), `paced` (a node with a control timer of 20 Hz, of simulated time and of the host's, by two workers at 1 and 2 times
 real time: how many are judged as the machine is, and beside eight busy processes; none may fail). Exit code 1 when one is not as it should be.
 """
@@ -38,6 +39,7 @@ import yaml
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.nodes import NodeProcess
 from vastflow.sim.model.scenario import Scenario
@@ -47,7 +49,7 @@ from vastflow.sim.scenario.programs.folders import files_matching
 
 CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "nodes" / "nodes.vast"
 UNDER_TEST = Path(__file__).parent / "ros2_nodes_under_test"
-PARTS = ("example", "observed", "actions", "limits", "containers", "kills", "paced")
+PARTS = ("example", "observed", "actions", "limits", "containers", "overhead", "kills", "paced")
 OFFERED = {
     "/clock": ("rosgraph_msgs/msg/Clock", "BEST_EFFORT", "VOLATILE"),
     "/scan": ("sensor_msgs/msg/LaserScan", "BEST_EFFORT", "VOLATILE"),
@@ -287,6 +289,40 @@ class Proof:
             self.check(
                 is_equal, f"{runtime}: equal bytes {is_equal}, {execution.log.cpu_s:.1f} CPU-s, {execution.log.notes}"
             )
+
+    def overhead(self) -> None:
+        spent: Counter[str] = Counter()
+        bridges: list[tuple[psutil.Process, float]] = []
+        advance, exchange = ClosedLoop.advance, driven.DrivenSimulation._exchange
+
+        def timed_advance(loop: ClosedLoop, until_tick: int | None = None) -> None:
+            began_s = time.thread_time()
+            advance(loop, until_tick)
+            spent["world and stack"] += time.thread_time() - began_s
+
+        def timed_exchange(simulation: driven.DrivenSimulation, scan: Any) -> None:
+            if not bridges:
+                pids = map(psutil.Process, simulation._started.programs.pids())
+                (bridge,) = (each for each in pids if "bridge.py" in " ".join(each.cmdline()))
+                bridges.append((bridge, sum(bridge.cpu_times()[:2])))
+            began_s = time.thread_time()
+            exchange(simulation, scan)
+            spent["exchange"] += time.thread_time() - began_s
+            spent["bridge"] = sum(bridges[0][0].cpu_times()[:2]) - bridges[0][1]
+
+        found = self.scenario("blocked")
+        execute(replace(found, programs=None), 0)  # compiles kernels
+        ClosedLoop.advance = timed_advance  # type: ignore[method-assign]
+        driven.DrivenSimulation._exchange = timed_exchange  # type: ignore[method-assign]
+        for kind, scenario in (("built-in robot", replace(found, programs=None)), ("nodes", found)):
+            spent.clear()
+            run = execute(scenario, 0).recording.run
+            parts = {name: f"{1e3 * cpu_s / run.simulated_s:.1f} ms" for name, cpu_s in spent.items()}
+            self.check(
+                run.simulated_s > 5.0, f"{kind}: CPU time in one of {run.simulated_s:.0f} simulated seconds {parts}"
+            )
+        ClosedLoop.advance = advance  # type: ignore[method-assign]
+        driven.DrivenSimulation._exchange = exchange  # type: ignore[method-assign]
 
     def kills(self, points: int, seed: int) -> None:
         rng, before = random.Random(seed), set(self._ours())

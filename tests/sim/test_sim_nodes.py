@@ -427,6 +427,28 @@ def test_domain_is_held_until_the_guard_of_a_run_has_ended(tmp_path):
     assert not _is_locked(tmp_path / "1")
 
 
+LAUNCHES = """#!/usr/bin/env python3
+import subprocess, sys, time
+
+assert sys.argv[1:] == ["launch", "bringup.launch.py", "use_sim_time:=true"]
+nodes = [subprocess.Popen(["sleep", "600"], start_new_session=each) for each in (False, True)]
+print("started", *(node.pid for node in nodes), flush=True)
+time.sleep(600)
+"""
+
+
+def test_launched_nodes_end_with_the_run(driven, tmp_path, monkeypatch):
+    (tmp_path / "ros2").write_text(LAUNCHES)
+    (tmp_path / "ros2").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    command = ("ros2", "launch", "bringup.launch.py", "use_sim_time:=true")
+    execution = driven(processes=[NodeProcess("bringup", command, ready="log", ready_at="started")])
+    assert execution.recording.run.outcome == "succeeded"
+    (text,) = [log.text for log in execution.log.texts if log.label == "bringup"]
+    pids = [int(pid) for pid in text.split()[1:]]
+    assert len(pids) == 2 and not any(psutil.pid_exists(pid) for pid in pids)
+
+
 EXECUTED = "import pickle, sys; from vastflow.sim.run import execute; execute(pickle.load(open(sys.argv[1], 'rb')), 0)"
 
 
