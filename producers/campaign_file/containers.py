@@ -4,19 +4,19 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
-from typing import Annotated, Any, Final, Literal, Self, TypeAlias
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from vastflow.producers.campaign_file.sections import EmptyIsList, EmptyIsMap, Section
 from vastflow.producers.model.numbers import Count, Positive, memory_bytes
+from vastflow.sim.model.container import CHECKS, MAIN
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Got, Invalid
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.programs.folders import below_config
 
 Runtime: TypeAlias = Literal["any", "docker", "podman", "runc", "bubblewrap"]
-MAIN: Final = "main"
 
 
 def _words(command: Any) -> Any:
@@ -26,9 +26,9 @@ def _words(command: Any) -> Any:
         raise Invalid(Got(repr(command)), f"a command as a shell reads it ({error})") from None
 
 
-def _quantity(text: str) -> str:
-    memory_bytes(text)
-    return text
+def _text(value: Any) -> Any:
+    """Return a number as text, and YAML's `true` as a shell would have it."""
+    return str(value).lower() if isinstance(value, bool) else str(value) if isinstance(value, int | float) else value
 
 
 def _absolute(path: str) -> str:
@@ -46,6 +46,8 @@ def _source(path: str) -> str:
 Command: TypeAlias = Annotated[
     Annotated[list[str], Field(min_length=1)], BeforeValidator(_words, json_schema_input_type=str | list[str])
 ]
+_Text: TypeAlias = Annotated[str, BeforeValidator(_text, json_schema_input_type=str | int | float | bool)]
+Variables: TypeAlias = Annotated[dict[str, _Text], EmptyIsMap]
 
 
 class LimitSpec(Section):
@@ -53,7 +55,9 @@ class LimitSpec(Section):
 
     cpu: Positive | None = None
     """Cores, such as 0.5."""
-    memory: Annotated[str, AfterValidator(_quantity)] | None = None
+    memory: Annotated[int, BeforeValidator(lambda text: memory_bytes(str(text)), json_schema_input_type=str)] | None = (
+        None
+    )
     """Memory in units of Kubernetes, such as `512Mi`. A run in which it is exceeded is a fault."""
     processes: Count | None = None
     """Processes and threads."""
@@ -84,7 +88,7 @@ class HealthSpec(Section):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if sum(getattr(self, name) is not None for name in ("log", "port", "command")) != 1:
+        if sum(getattr(self, name) is not None for name in CHECKS) != 1:
             raise Invalid("there is not one check", "give log, port, or command")
         return self
 
@@ -98,7 +102,7 @@ class ContainerSpec(Section):
     """Root folder on the machine in place of an image, which is read-only, such as `/`."""
     command: Command | None = None
     """Program and arguments, a list or as a shell reads them; the image's own if not given."""
-    env: Annotated[dict[str, str | int | float | bool], EmptyIsMap] = Field(default_factory=dict)
+    env: Variables = Field(default_factory=dict)
     """Variables beside those of `execution.env`."""
     mounts: Annotated[list[MountSpec], EmptyIsList] = Field(default_factory=list)
     """Files and folders of the machine, beside `/config`, `/out`, and `/channel`."""
@@ -155,25 +159,9 @@ def containers_of(
 
 
 def _content(spec: ContainerSpec) -> dict[str, Value]:
-    limits, health = spec.resources, spec.health
-    check = health and next((name, value) for name in ("log", "port", "command") if (value := getattr(health, name)))
-    found: dict[str, Value] = {
-        "image": spec.image or "",
-        "rootfs": spec.rootfs or "",
-        "command": spec.command or [],
-        "environment": {
-            name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in spec.env.items()
-        },
-        "mounts": [mount.model_dump() for mount in spec.mounts],
-        "cpu": limits.cpu,
-        "memory": None if limits.memory is None else memory_bytes(limits.memory),
-        "processes": limits.processes,
-        "network": spec.network,
-        "after": spec.after,
-        "health": {check[0]: check[1]} if check else {},
-        "within_s": health.timeout if health else None,
-    }
-    return {name: value for name, value in found.items() if value not in ("", None, [], {})}
+    content = spec.model_dump(exclude_defaults=True)
+    limits = content.pop("resources", {})
+    return {**content, **limits}
 
 
 def _secondary(entry: Any) -> tuple[str, str]:

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from vastflow.producers.campaign_file.containers import Command
+from vastflow.producers.campaign_file.containers import Command, Variables
 from vastflow.producers.campaign_file.sections import EmptyIsMap, Section
 from vastflow.producers.model.numbers import Positive
 from vastflow.sim.model.faults import Got, Invalid
@@ -43,7 +43,7 @@ class NodeSpec(Section):
 
     command: Command
     """Program and arguments, a list or as a shell reads them; run files lie in its folder."""
-    env: Annotated[dict[str, str | int | float | bool], EmptyIsMap] = Field(default_factory=dict)
+    env: Variables = Field(default_factory=dict)
     """Its environment variables beside those of the run."""
     ready: Annotated[Ready, EmptyIsMap] = Field(default_factory=Ready)
     """What shows that it is ready; the next process starts then."""
@@ -120,7 +120,4 @@ def nodes_of(specs: Sequence[Mapping[str, NodeSpec]], spec: Ros2Spec) -> Nodes:
 def _process(name: str, spec: NodeSpec) -> NodeProcess:
     kinds = ("topic", "action", "node", "log", "port")
     kind, at = next(((kind, str(at)) for kind in kinds if (at := getattr(spec.ready, kind)) is not None), ("", ""))
-    environment = {
-        key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in spec.env.items()
-    }
-    return NodeProcess(name, tuple(spec.command), environment, kind, at, spec.ready.within)  # type: ignore[arg-type]
+    return NodeProcess(name, tuple(spec.command), spec.env, kind, at, spec.ready.within)  # type: ignore[arg-type]

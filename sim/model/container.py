@@ -2,7 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Final, Literal
+
+MAIN: Final = "main"
+"""The container in which the scenario's programs are started, each in one of its own."""
+CHECKS: Final = ("log", "port", "command")
+"""Kinds of health: a text that it prints, a TCP port on which it listens, a command that exits with 0 in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,14 +32,13 @@ class Container:
         processes: Greatest number of its processes and threads; None for any.
         network: `none`, or `run` for a loopback that containers of the run share.
         after: Containers that have to be healthy before.
-        health: `log` (a text that it prints), `port` (TCP, listened on), or `command` (exits with 0), and its value; may be empty.
-        within_s: Host time until it has to be healthy.
+        health: One of `CHECKS` and its value, and `timeout` (s, host time) where it is not 30; may be empty.
     """
 
     image: str = ""
     rootfs: str = ""
     command: tuple[str, ...] = ()
-    environment: Mapping[str, str] = field(default_factory=dict)
+    env: Mapping[str, str] = field(default_factory=dict)
     mounts: tuple[Mount, ...] = ()
     cpu: float | None = None
     memory: int | None = None
@@ -42,7 +46,6 @@ class Container:
     network: Literal["none", "run"] = "run"
     after: tuple[str, ...] = ()
     health: Mapping[str, Any] = field(default_factory=dict)
-    within_s: float = 30.0
 
 
 def container_of(content: Mapping[str, Any]) -> Container:

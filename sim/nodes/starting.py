@@ -80,21 +80,22 @@ def started(
     command = [nodes.python, f"{seen}/bridge.py", f"{seen}/bridge.sock"]
     groups: dict[str, ProcessGroup] = {}
     bridge: ProcessGroup | None = None
-    with Channel(folder / "bridge.sock", lambda: _how(bridge)) as channel:
+    with Channel(folder / "bridge.sock", lambda: _how(bridge, programs)) as channel:
         bridge = programs.start(command, "bridge", stays=True)
         channel.ask(*_setup(nodes, lidar, ground), BRIDGE_WITHIN_S)
         for process in nodes.processes:
             environment = {**programs.environment, **process.environment}
             group = programs.start(process.command, process.name, stays=True, environment=environment)
             groups[process.name] = group
-            _wait(process, group, channel)
+            _wait(process, group, channel, programs)
         channel.ask({"do": "settle", "wait_s": BRIDGE_WITHIN_S}, b"", 2.0 * BRIDGE_WITHIN_S)
         yield Started(nodes, channel, programs, groups)
 
 
-def _how(group: ProcessGroup | None) -> str | None:
+def _how(group: ProcessGroup | None, programs: ProcessRun) -> str | None:
     if group is None or group.failure is None:
         return None
+    programs.check()  # a container says more
     return group.with_last_line(group.failure or "ended")
 
 
@@ -133,13 +134,13 @@ def _setup(nodes: Nodes, lidar: Lidar, ground: OccupancyMap | None) -> tuple[dic
     return setup, cells
 
 
-def _wait(process: NodeProcess, group: ProcessGroup, channel: Channel) -> None:
+def _wait(process: NodeProcess, group: ProcessGroup, channel: Channel, programs: ProcessRun) -> None:
     """Return when a process is ready; raises `ScenarioError` if it ends or takes too long."""
     if not process.ready:
         return
     until_s = time.monotonic() + process.ready_within_s
     while not _is_ready(process, group, channel):
-        if (how := _how(group)) is not None:
+        if (how := _how(group, programs)) is not None:
             raise ScenarioError(f"node {process.name!r} {how}")
         if time.monotonic() > until_s:
             what = f"{process.ready} {process.ready_at!r}"

@@ -41,15 +41,14 @@ def test_container_of_a_file_is_what_a_run_starts(loaded):
         "server": Container(
             image="b:2",
             command=("python3", "-u", "my server.py"),
-            environment={"PORT": "80", "FAST": "true"},
+            env={"PORT": "80", "FAST": "true"},
             mounts=(Mount("data", "/data"), Mount("/srv", "/srv", writable=True)),
             cpu=0.5,
             memory=512 << 20,
             processes=9,
             network="none",
             after=("main",),
-            health={"port": 80},
-            within_s=5.0,
+            health={"port": 80, "timeout": 5.0},
         ),
     }
 

@@ -16,13 +16,11 @@ real time: how many are judged as the machine is, and beside eight busy processe
 
 import argparse
 import base64
-import fcntl
+import contextlib
 import json
 import os
-import random
 import resource
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -35,6 +33,7 @@ from typing import Any
 import numpy as np
 import psutil
 import ros2_environment
+import ros2_kills
 import yaml
 
 from vastflow.producers.campaign import load_campaign
@@ -103,15 +102,6 @@ rclpy.spin(node)
 """
 
 
-def is_locked(file: Path) -> bool:
-    with file.open() as opened:
-        try:
-            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-    return False
-
-
 class Proof:
     def __init__(self, python: Path) -> None:
         self.python, self.wrong = str(python), 0
@@ -132,12 +122,24 @@ class Proof:
         files = (*found.programs.files, *files_matching(UNDER_TEST, ["*.py"]))
         return replace(found, programs=replace(found.programs, nodes=nodes, files=files))
 
+    def campaign(self) -> str:
+        """Return the example's campaign file with the environment's Python."""
+        text = CAMPAIGN.read_text().replace("ros2:\n", f"ros2:\n    python: {self.python}\n", 1)
+        return text.replace("command: python3", f"command: {self.python}")
+
+    def contained(self, name: str, mode: str) -> Scenario:
+        """Return a configuration of the example in containers by a runtime, or without where `mode` is `plain`."""
+        found = self.scenario(name)
+        if mode == "plain":
+            return found
+        assert found.programs is not None
+        main = {"main": ros2_kills.container(mode, self.python)}
+        return replace(found, programs=replace(found.programs, containers=main, container_runtime=mode))
+
     def example(self, runs: int) -> None:
         with tempfile.TemporaryDirectory() as folder:
-            text = CAMPAIGN.read_text().replace("ros2:\n", f"ros2:\n    python: {self.python}\n", 1)
-            text = text.replace("command: python3", f"command: {self.python}")
             shutil.copytree(CAMPAIGN.parent, Path(folder) / "nodes")
-            (Path(folder) / "nodes" / "nodes.vast").write_text(text)
+            (Path(folder) / "nodes" / "nodes.vast").write_text(self.campaign())
             command = [
                 sys.executable,
                 "-m",
@@ -280,15 +282,14 @@ class Proof:
 
     def containers(self) -> None:
         plain = execute(self.scenario("free"), 0).recording.digest
-        for runtime in ("bubblewrap", "runc"):
-            found = self.scenario("free")
-            assert found.programs is not None
-            programs = replace(found.programs, containers={"main": {"rootfs": "/"}}, container_runtime=runtime)
-            execution = execute(replace(found, programs=programs), 0)
-            is_equal = execution.recording.digest == plain
-            self.check(
-                is_equal, f"{runtime}: equal bytes {is_equal}, {execution.log.cpu_s:.1f} CPU-s, {execution.log.notes}"
-            )
+        with ros2_kills.docker() if shutil.which("dockerd") else contextlib.nullcontext():
+            for runtime in ("bubblewrap", "runc", *(["docker"] if shutil.which("dockerd") else [])):
+                execution = execute(self.contained("free", runtime), 0)
+                is_equal = execution.recording.digest == plain
+                self.check(
+                    is_equal,
+                    f"{runtime}: equal bytes {is_equal}, {execution.log.cpu_s:.1f} CPU-s, {execution.log.notes}",
+                )
 
     def overhead(self) -> None:
         spent: Counter[str] = Counter()
@@ -325,28 +326,7 @@ class Proof:
         driven.DrivenSimulation._exchange = exchange  # type: ignore[method-assign]
 
     def kills(self, points: int, seed: int) -> None:
-        rng, before = random.Random(seed), set(self._ours())
-        for point in range(points):
-            whom = rng.choice(["worker", "bridge", "follower.py", "stopper.py"])
-            with tempfile.TemporaryDirectory() as place:  # of its runs and their domains alone
-                worker = subprocess.Popen(
-                    [sys.executable, __file__, "--environment", str(Path(self.python).parents[1]), "--only", "one"],
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
-                    env={**os.environ, "TMPDIR": place},
-                )
-                time.sleep(rng.uniform(4.0, 16.0))
-                pids = [worker.pid] if whom == "worker" else [pid for pid, text in self._ours().items() if whom in text]
-                for pid in pids:
-                    try:
-                        os.kill(pid, signal.SIGKILL)
-                    except ProcessLookupError:
-                        pids = []
-                worker.wait(120)
-                until_s = time.monotonic() + 20.0
-                while (left := self._left(Path(place), before)) and time.monotonic() < until_s:
-                    time.sleep(0.1)
-            self.check(not left, f"point {point}: {whom} {'killed' if pids else 'had ended'}: left {left or 'nothing'}")
+        ros2_kills.strikes(self.check, __file__, self.campaign(), self.python, points, seed)
 
     def paced(self, runs: int) -> None:
         for busy in (0, 8):
@@ -398,21 +378,6 @@ class Proof:
                 f"{broken} not judged. {metadata['health']}. {said.strip()}",
             )
 
-    def _left(self, place: Path, before: set[int]) -> list[str]:
-        """Return what runs left: processes, folders, and domains."""
-        domains = [each for each in (place / "vastflow-ros-domains").glob("*") if is_locked(each)]
-        left = [*place.glob("vastflow-run-*"), *domains]
-        return [*map(str, left), *(text for pid, text in self._ours().items() if pid not in before)]
-
-    def _ours(self) -> dict[int, str]:
-        """Process to command line of all that use the environment's Python."""
-        found = {}
-        for each in psutil.process_iter(["cmdline"]):
-            text = " ".join(each.info["cmdline"] or ())
-            if self.python in text and "ros2_nodes.py" not in text:
-                found[each.pid] = text
-        return found
-
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -421,13 +386,14 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=40)
     parser.add_argument("--points", type=int, default=30)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--mode", choices=ros2_kills.MODES, default="plain", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         environment = ros2_environment.Environment((asked.environment or Path(folder) / "environment").resolve())
         environment.make()
         proof = Proof(environment.python)
         if "one" in asked.only:
-            execute(proof.scenario("blocked"), 0)
+            execute(proof.contained("blocked", asked.mode), 0)
             return 0
         for part in asked.only:
             print(f"== {part}")

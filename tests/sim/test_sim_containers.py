@@ -105,7 +105,7 @@ def test_containers_see_the_runs_folders_and_their_mounts(begun, tmp_path):
 
 def test_container_has_the_campaigns_variables_and_none_of_this_process(begun, monkeypatch):
     monkeypatch.setenv("OF_THIS_PROCESS", "1")
-    with begun({"main": {"environment": {"OWN": "2"}}}, environment={"SHARED": "3"}) as run:
+    with begun({"main": {"env": {"OWN": "2"}}}, environment={"SHARED": "3"}) as run:
         assert said(run, "echo $OF_THIS_PROCESS/$OWN/$SHARED") == ("/2/3", "")
 
 
@@ -131,10 +131,10 @@ def test_containers_start_after_those_that_they_need(begun):
     ("container", "reason"),
     [
         (
-            {"command": "echo hm; sleep 60", "health": {"port": 9}, "within_s": 1.0},
+            {"command": "echo hm; sleep 60", "health": {"port": 9, "timeout": 1.0}},
             "has not listened on port 9 within 1 s: hm",
         ),
-        ({"command": "sleep 60", "health": {"log": "x"}, "within_s": 1.0}, "has not printed 'x' within 1 s"),
+        ({"command": "sleep 60", "health": {"log": "x", "timeout": 1.0}}, "has not printed 'x' within 1 s"),
         ({"command": "echo no; exit 3", "health": {"log": "x"}}, "exited with code 3: no, before it was healthy"),
         ({"mounts": [{"source": "/not/there", "target": "/x"}], "command": "true"}, "there is no such file or folder"),
         (
@@ -166,6 +166,20 @@ def test_missing_program_is_a_fault_and_not_a_failure(begun):
         begun({"main": {}}) as run,
     ):
         run.start(["no-such-program"])
+        waited(run)
+
+
+def test_client_that_is_killed_is_a_fault_and_not_a_failure(begun):
+    with (
+        pytest.raises(
+            ScenarioError, match=r"'main' by .*(client was ended by SIGKILL|lost the container, which was still)"
+        ),
+        begun({"main": {}}) as run,
+    ):
+        group = run.start(["sh", "-c", "echo up; sleep 600"])
+        while b"up" not in group.log.read():
+            time.sleep(0.01)
+        os.kill(group.pid, signal.SIGKILL)
         waited(run)
 
 
@@ -254,7 +268,7 @@ def test_limit_that_needs_a_control_group_is_refused_without(without_cgroups, tm
 
 def test_control_group_of_version_2_is_limited_and_read(tmp_path):
     (tmp_path / "cgroup.controllers").touch()
-    group = Cgroup(("mine",), tmp_path)
+    group = Cgroup("mine", tmp_path)
     group.make(32 << 20, 0.5, 10)
     folder = tmp_path / "mine"
     assert [(folder / name).read_text() for name in ("memory.max", "cpu.max", "pids.max", "memory.swap.max")] == [

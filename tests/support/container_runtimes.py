@@ -29,7 +29,7 @@ def missing(runtime):
 def made_root(runtime, folder):
     """Make a root file system: an image, or a folder."""
     root = folder / "root"
-    for each in ("bin", "etc"):
+    for each in ("bin", "etc", "tmp"):
         (root / each).mkdir(parents=True)
     shutil.copy(str(shutil.which("busybox")), root / "bin/busybox")
     for name in COMMANDS:
@@ -46,7 +46,7 @@ def refused(runtime):
     """Why a runtime can't run the image here; empty if it can."""
     if runtime not in ("docker", "podman"):
         return ""
-    command = [runtime, "run", "--rm", "--init", "--network", "none", IMAGE, "true"]
+    command = [runtime, "run", "--rm", "--init", "--network", "none", IMAGE, "env"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     return f"{runtime} can't run a container here: {done.stderr.strip()[-200:]}" if done.returncode else ""
 

@@ -1,6 +1,5 @@
 """Control groups of containers: their limits, and what their processes use; versions 1 and 2 of the kernel's interface."""
 
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,28 +11,27 @@ _PERIOD_US: Final = 100_000
 
 @dataclass(frozen=True)
 class Cgroup:
-    """A control group below the root of each controller, or below the only root of version 2.
+    """A control group.
 
     Attributes:
-        paths: Where it may be; the first that is there counts.
-        id_file: File with what stands for `{}` in `paths`, once it is there.
+        name: Its path below the root of each controller, or below the only root of version 2.
     """
 
-    paths: tuple[str, ...]
+    name: str
     root: Path = field(default_factory=lambda: ROOT)
-    id_file: Path | None = None
+
+    @classmethod
+    def of(cls, pid: int) -> "Cgroup | None":
+        """Return the one of a process; None if it is this process' own, or the process has ended."""
+        try:
+            name, own = (_name(Path(f"/proc/{each}/cgroup").read_text("utf-8")) for each in (pid, "self"))
+        except OSError:
+            return None
+        return None if name == own else cls(name)
 
     def folder(self, controller: str) -> Path:
         """Return its folder for a controller such as `memory`."""
-        root = self.root if self._is_unified else self.root / controller
-        name = ""
-        if self.id_file is not None:
-            with suppress(OSError):
-                name = self.id_file.read_text("ascii")
-        places = [root / path.format(name) for path in self.paths]
-        return (
-            next((place for place in places if place.is_dir()), places[0]) if name or not self.id_file else root / "-"
-        )
+        return (self.root if self._is_unified else self.root / controller) / self.name
 
     @property
     def folders(self) -> tuple[Path, ...]:
@@ -42,29 +40,23 @@ class Cgroup:
 
     def make(self, memory: int | None, cpu: float | None, processes: int | None) -> None:
         """Make it with limits: bytes, cores, and a number of processes; raises OSError where this user may not."""
-        quota = None if cpu is None else max(1000, round(cpu * _PERIOD_US))
+        with suppress(OSError):
+            (self.root / "cgroup.subtree_control").write_text("+memory +cpu +pids", encoding="ascii")
         for folder in self.folders:
             folder.mkdir(exist_ok=True)  # where `cpu` and `cpuacct` are one
-        limits: Iterable[tuple[str, str, int | str | None]]
-        if self._is_unified:
-            limits = [
-                ("memory", "memory.max", memory),
-                ("cpu", "cpu.max", quota and f"{quota} {_PERIOD_US}"),
-                ("pids", "pids.max", processes),
-            ]
-        else:
-            limits = [
-                ("memory", "memory.limit_in_bytes", memory),
-                ("cpu", "cpu.cfs_quota_us", quota),
-                ("pids", "pids.max", processes),
-            ]
-        for controller, name, value in limits:
+        quota = cpu and max(1000, round(cpu * _PERIOD_US))
+        for controller, first, second, value in (
+            ("memory", "memory.limit_in_bytes", "memory.max", memory),
+            ("cpu", "cpu.cfs_quota_us", "cpu.max", quota),
+            ("pids", "pids.max", "pids.max", processes),
+        ):
             if value is not None:
-                (self.folder(controller) / name).write_text(str(value), encoding="ascii")
+                period = f" {_PERIOD_US}" if self._is_unified and controller == "cpu" else ""
+                (self.folder(controller) / (second if self._is_unified else first)).write_text(f"{value}{period}")
         if memory is not None:  # else it would swap where the machine can
-            for name, value in (("memory.swap.max", 0), ("memory.memsw.limit_in_bytes", memory)):
+            for name, most in (("memory.swap.max", 0), ("memory.memsw.limit_in_bytes", memory)):
                 with suppress(OSError):
-                    (self.folder("memory") / name).write_text(str(value), encoding="ascii")
+                    (self.folder("memory") / name).write_text(str(most), encoding="ascii")
 
     def pids(self) -> set[int]:
         """Return the ids of its processes on this machine; none where it is gone."""
@@ -97,3 +89,13 @@ class Cgroup:
     def _value(self, controller: str, name: str, key: str) -> int:
         lines = (self.folder(controller) / name).read_text("ascii").splitlines()
         return next((int(line.split()[1]) for line in lines if line.split()[0] == key), 0)
+
+
+def _name(text: str) -> str:
+    """Return the path in a process' list of control groups: that of version 1's `memory`, or of version 2."""
+    names = {
+        each: path[1:]
+        for _, kinds, path in (line.split(":", 2) for line in text.splitlines())
+        for each in kinds.split(",")
+    }
+    return names.get("memory") or names.get("", "")

@@ -1,21 +1,19 @@
 """Containers of a run: what they are given, their start in order, their health, and why one broke the run."""
 
-import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from vastflow.sim.model.container import Mount, container_of
+from vastflow.sim.model.container import CHECKS, MAIN, Mount, container_of
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.scenario import ProcessSetup
+from vastflow.sim.scenario.programs.cgroup import Cgroup
 from vastflow.sim.scenario.programs.folders import CONFIG, OUT, RunFolders
 from vastflow.sim.scenario.programs.guard import VARIABLE
-from vastflow.sim.scenario.programs.runtimes import Started, chosen
+from vastflow.sim.scenario.programs.runtimes import Started, chosen, run_command
 
-MAIN: Final = "main"
-"""The container in which the scenario's programs are started, each in one of its own."""
 CHANNEL: Final = "/channel"
 """Folder for UNIX sockets between this machine and containers, as they see it."""
 PATH: Final = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -37,13 +35,8 @@ class RunContainers:
         self._at_end = at_end
         self._started: list[Started] = []
         self._runtime = chosen(setup.container_runtime, [*self.containers.values()])
-        for name in ("channel", "shm"):
-            (folders.out.parent / name).mkdir()
-        (folders.out.parent / "shm").chmod(0o1777)
-
-    @property
-    def has_main(self) -> bool:
-        return MAIN in self.containers
+        self._channel = folders.out.parent / "channel"
+        self._channel.mkdir()
 
     @property
     def note(self) -> str:
@@ -82,16 +75,19 @@ class RunContainers:
         folders = self._folders
         base = {} if given.image else {"PATH": PATH, "HOME": "/tmp"}  # in the container
         shared = of_main if name == MAIN else self._environment
-        environment = {**base, **shared, **given.environment, VARIABLE: mark}
-        mounts = (*mounts_of(folders), *(_placed(mount, folders) for mount in given.mounts))
-        number = len(self._started)
-        (folder := folders.out.parent / "containers" / str(number)).mkdir(parents=True)
+        own = {**folders.mounts, CHANNEL: self._channel}
+        mounts = [Mount(str(folder), target, target != CONFIG) for target, folder in own.items()]
+        mounts += [_placed(mount, folders) for mount in given.mounts]
+        (folder := folders.out.parent / "containers" / str(len(self._started))).mkdir(parents=True)
         in_network = (each for each in self._started if each.lives and each.container.network == "run")
         started = Started(
             name,
             "-".join(["vastflow", *mark.split(".")[-3:-1], name]),
-            replace(given, command=tuple(command), environment=environment, mounts=mounts),
+            replace(
+                given, command=tuple(command), env={**base, **shared, **given.env, VARIABLE: mark}, mounts=tuple(mounts)
+            ),
             folder,
+            mark,
             next(in_network, None) if given.network == "run" else None,
         )
         self._started.append(started)
@@ -99,9 +95,13 @@ class RunContainers:
         self._runtime.prepare(started)
         return started
 
-    def cgroups(self) -> Iterator[Started]:
-        """Yield the containers with a control group."""
-        return (started for started in tuple(self._started) if started.cgroup is not None)
+    def cgroups(self) -> Iterator[tuple[Cgroup, int]]:
+        """Yield the control group of each container that has one, and the id of its client's process."""
+        for started in tuple(self._started):
+            if started.cgroup is None and (pid := started.pid_inside()) is not None:  # an engine made it
+                started.cgroup = Cgroup.of(pid)
+            if started.cgroup is not None and started.group is not None:
+                yield started.cgroup, started.group.pid
 
     def check(self) -> None:
         """Raise `ScenarioError` if a container ended by a limit, by its runtime, or was never started."""
@@ -110,13 +110,13 @@ class RunContainers:
             if group is None or group.failure is None or started.is_examined:
                 continue
             started.is_examined = True
-            if group.failure and not group.is_stopped and (why := self._runtime.broken(started)):
+            if group.failure and not group.is_stopped and (why := self._runtime.broken(started, group)):
                 raise ScenarioError(f"container {started.name!r} by {self._runtime.name}: {why}")
 
     def _is_healthy(self, started: Started) -> bool:
         container, group = started.container, started.group
         assert group is not None  # it has been started
-        ((kind, value),) = container.health.items() or [("", "")]
+        kind, value = next(((each, container.health[each]) for each in CHECKS if each in container.health), ("", ""))
         if (failure := group.failure) is not None:
             self.check()
             if kind or failure:
@@ -127,33 +127,19 @@ class RunContainers:
             case "log":
                 done = str(value).encode() in group.log.read()
             case "port":
-                pid = self._runtime.pid_in_network(started)
+                pid = started.pid_inside()
                 done = pid is not None and is_listened_on(int(value), pid)
             case "command":
-                done = self._answers(self._runtime.inside(started, value))
+                command = self._runtime.inside(started, value)
+                done = bool(command) and run_command(command, 10.0)[0] == 0
             case _:
-                done = self._runtime.pid_in_network(started) is not None
-        if not done and time.monotonic() - started.began_s > container.within_s:
-            wanted = {"log": f"printed {value!r}", "port": f"listened on port {value}"}
-            what = wanted.get(kind, "passed its health command" if kind else "started")
-            raise ScenarioError(
-                group.with_last_line(f"container {started.name!r} has not {what} within {container.within_s:g} s")
-            )
+                done = started.pid_inside() is not None
+        within_s = container.health.get("timeout", 30.0)
+        if not done and time.monotonic() - started.began_s > within_s:
+            wanted = {"": "started", "log": f"printed {value!r}", "port": f"listened on port {value}"}
+            what = f"has not {wanted.get(kind, 'passed its health command')} within {within_s:g} s"
+            raise ScenarioError(group.with_last_line(f"container {started.name!r} {what}"))
         return done
-
-    def _answers(self, command: Sequence[str]) -> bool:
-        if not command:
-            return False
-        try:
-            return subprocess.run(command, capture_output=True, check=False, timeout=10.0).returncode == 0
-        except subprocess.TimeoutExpired:
-            return False
-
-
-def mounts_of(folders: RunFolders) -> tuple[Mount, ...]:
-    """Return what each container of a run sees of it."""
-    channel = Mount(str(folders.out.parent / "channel"), CHANNEL, writable=True)
-    return (Mount(str(folders.config), CONFIG), Mount(str(folders.out), OUT, writable=True), channel)
 
 
 def is_listened_on(port: int, pid: int) -> bool:

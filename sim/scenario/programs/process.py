@@ -71,6 +71,7 @@ class ProcessLog:
 
     def last_line(self) -> str:
         """Return the last line that is not blank, cut to 200 characters; empty without one."""
+        self.complete.wait(0.2)  # it is the one that says why a program ended
         with self.path.open("rb") as file:
             file.seek(max(0, self.path.stat().st_size - 4096))
             lines = file.read().decode(errors="replace").split("\n")
@@ -184,7 +185,6 @@ class ProcessGroup:
 
     def with_last_line(self, failure: str) -> str:
         """Return a failure of the program with the last line that it printed."""
-        self.log.complete.wait(0.2)  # the last line is the one that says why
         last = self.log.last_line()
         return f"{failure}: {last}" if last else failure
 

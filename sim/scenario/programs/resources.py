@@ -13,7 +13,7 @@ import psutil
 from vastflow.sim.model.recording import Use
 
 if TYPE_CHECKING:
-    from vastflow.sim.scenario.programs.runtimes import Started
+    from vastflow.sim.scenario.programs.cgroup import Cgroup
 
 SAMPLED_S: Final = 1.0
 
@@ -38,12 +38,12 @@ class ResourceSampler:
     """
 
     def __init__(
-        self, pids: Callable[[], Iterable[int]], containers: Callable[[], Iterable["Started"]] = tuple
+        self, pids: Callable[[], Iterable[int]], containers: Callable[[], Iterable[tuple["Cgroup", int]]] = tuple
     ) -> None:
-        """Begin; `pids` gives the ids of the run's living processes, `containers` those that measure themselves."""
+        """Begin; `pids` gives the ids of the run's living processes, `containers` their control groups, see `RunContainers.cgroups`."""
         self._pids = pids
         self._containers = containers
-        self._container_cpu_s: dict[str, float] = {}
+        self._container_cpu_s: dict[Cgroup, float] = {}
         self._start_s = time.monotonic()
         self._cpu_s: dict[psutil.Process, float] = {}
         self.rows = [self._sample()]  # here, not in the thread: a run of milliseconds has a row too
@@ -72,12 +72,13 @@ class ResourceSampler:
     def _sample(self) -> Use:
         t_s, rss_bytes, processes = time.monotonic() - self._start_s, 0, 0
         measured: set[int] = set()
-        for each in self._containers():
-            measured |= each.pids()  # the runtime's client, which is none of the run, too
-            if each.cgroup and (used := each.cgroup.usage()):
-                self._container_cpu_s[each.id] = used[0]
+        for cgroup, client in self._containers():
+            inside = cgroup.pids()
+            measured |= {*inside, client}  # the runtime's client is none of the run
+            if used := cgroup.usage():
+                self._container_cpu_s[cgroup] = used[0]
                 rss_bytes += used[1]
-                processes += len(each.cgroup.pids())
+                processes += len(inside)
         for pid in {*self._pids()} - measured:
             try:
                 process = psutil.Process(pid)

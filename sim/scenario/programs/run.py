@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import psutil
 
+from vastflow.sim.model.container import MAIN
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.files import read_bytes
@@ -134,7 +135,7 @@ class ProcessRun:
             from vastflow.sim.scenario.programs.containers import RunContainers  # seldom needed
 
             self._containers = RunContainers(folders, self._setup, self.at_end)
-            if self._containers.has_main:  # where none of this machine's variables are
+            if self.in_main:  # where none of this machine's variables are
                 self.environment = {**self._setup.environment}
         self._named = not self.in_main and (self._named or folders.named_in_files())
         if self._named:
@@ -199,7 +200,7 @@ class ProcessRun:
 
     @property
     def in_main(self) -> bool:
-        return self._containers is not None and self._containers.has_main
+        return MAIN in self._setup.containers
 
     @property
     def waiting(self) -> bool:
@@ -236,7 +237,7 @@ class ProcessRun:
             if group.failure is None:
                 with suppress(psutil.NoSuchProcess):
                     pids |= {group.pid, *(child.pid for child in psutil.Process(group.pid).children(recursive=True))}
-        return pids.union(*(each.pids() for each in (self._containers.cgroups() if self._containers else ())))
+        return pids
 
     @property
     def resources(self) -> tuple[Use, ...]:
@@ -248,8 +249,7 @@ class ProcessRun:
 
         Programs that should be asked before they are killed have to be stopped first.
         """
-        if self._containers is not None:
-            self._containers.check()
+        self.check()
         for group in reversed(self._groups):
             group.stop(timeout_s=0.0)
         post_command = self._post_command() if self._setup.post_command else ""
