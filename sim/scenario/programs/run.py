@@ -108,7 +108,15 @@ class ProcessRun:
         self._groups: list[ProcessGroup] = []
         self._staying: set[int] = set()
         self._news = threading.Event()
-        self._guard = _guarding(self._mark, root, holds)  # before there is a folder, lest it be left behind
+        self._guard = subprocess.Popen(  # before there is a folder, lest it be left behind
+            [sys.executable, "-I", "-S", guard.__file__, self._mark, str(root)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={name: value for name, value in os.environ.items() if name != VARIABLE},
+            pass_fds=holds,
+            start_new_session=True,
+        )
         self._removals: list[Sequence[str]] = []
         self._is_clean = False
         self._containers: RunContainers | None = None
@@ -287,9 +295,8 @@ class ProcessRun:
         """
         folder = self.folders.out.parent
         try:
-            for problem in (group.log.problem for group in self._groups):
-                if problem is not None:
-                    raise problem
+            for problem in filter(None, (group.log.problem for group in self._groups)):
+                raise problem
             with tempfile.TemporaryFile(dir=folder.parent) as file:
                 file.write(b"1" * 65536)  # what was removed just now may have made some room
         except OSError as error:
@@ -398,17 +405,3 @@ def process_run(
             run.check_disk()
         finally:
             run.remove()
-
-
-def _guarding(mark: str, folder: Path, holds: Sequence[int] = ()) -> "subprocess.Popen[bytes]":
-    """Start a process that kills all with `mark` and removes `folder` after this one's end."""
-    environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
-    return subprocess.Popen(
-        [sys.executable, "-I", "-S", guard.__file__, mark, str(folder)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        env=environment,
-        pass_fds=holds,
-        start_new_session=True,
-    )

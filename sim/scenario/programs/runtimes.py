@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from vastflow.sim.model.container import Container, Mount
 from vastflow.sim.model.faults import ScenarioError
@@ -84,60 +84,24 @@ class Started:
         return None
 
 
-class Runtime(ABC):
-    """A runtime of containers."""
-
-    name: str
-
-    @abstractmethod
-    def works(self) -> bool:
-        """Whether it can run containers here."""
-
-    @abstractmethod
-    def prepare(self, started: Started) -> None:
-        """Set `client` of a container, and `cgroup` where it has one; `ScenarioError` if it can't be made."""
-
-    @abstractmethod
-    def removal(self, started: Started) -> Sequence[str]:
-        """Return the command that ends and removes a container, whether it is there or not."""
-
-    @abstractmethod
-    def inside(self, started: Started, command: Sequence[str]) -> Sequence[str]:
-        """Return a command that executes another one in a container; empty if it is not there yet."""
-
-    def broken(self, started: Started, group: ProcessGroup) -> str:
-        """Return why a container whose client failed breaks the run; empty if it failed by itself."""
-        if started.cgroup and started.cgroup.killed():
-            return _starved(started)
-        if group.failure and group.failure.startswith(
-            "was ended by"
-        ):  # else a signal of the program is an exit code of it
-            return f"its client {group.failure}"
-        found = re.search(_NOT_STARTED, group.log.last_line())
-        return found[1] if found else ""
-
-
-class Engine(Runtime):
+class Engine:
     """Docker, or Podman, whose command line is the same."""
 
     def __init__(self, name: str) -> None:
         self.name = name
 
     def works(self) -> bool:
-        if shutil.which(self.name) is not None:
-            code, out, _ = run_command([self.name, "info", "--format", "{{json .}}"])
-            self._info: Mapping[str, Any] = json.loads(out) if code == 0 else {}
-            return bool(self._info) and not self._info.get("ServerErrors")
-        return False
+        """Whether it can run containers here."""
+        code, out, _ = run_command([self.name, "info", "--format", "{{json .}}"])
+        self._info: Mapping[str, Any] = json.loads(out) if code == 0 else {}
+        return bool(self._info) and not self._info.get("ServerErrors")
 
     def prepare(self, started: Started) -> None:
-        given = started.container
-        network, ipc = "none", "private"
-        if given.network == "run":
-            other = started.neighbor
-            network, ipc = (f"container:{other.id}",) * 2 if other else ("none", "shareable")
+        """Set `client` of a container, and `cgroup` where it has one; `ScenarioError` if it can't be made."""
+        given, other = started.container, started.neighbor and f"container:{started.neighbor.id}"
+        ipc = other or ("shareable" if given.network == "run" else "private")
         options = ["--name", started.id, "--label", "vastflow", "--pull", "never", "--init"]
-        options += ["--workdir", OUT, "--network", network, "--ipc", ipc]
+        options += ["--workdir", OUT, "--network", other or "none", "--ipc", ipc]
         if self.name == "docker":  # what it writes belongs to whoever runs the campaign, as Podman has it by itself
             options += ["--user", f"{os.getuid()}:{os.getgid()}"]
         for mount in given.mounts:
@@ -155,19 +119,20 @@ class Engine(Runtime):
         started.client = [self.name, "run", *options, given.image, *given.command]
 
     def removal(self, started: Started) -> Sequence[str]:
+        """Return the command that ends and removes a container, whether it is there or not."""
         return [self.name, "rm", "--force", "--volumes", started.id]
 
     def inside(self, started: Started, command: Sequence[str]) -> Sequence[str]:
+        """Return a command that executes another one in a container; empty if it is not there yet."""
         return [self.name, "exec", started.id, *command]
 
     def broken(self, started: Started, group: ProcessGroup) -> str:
+        """Return why a container whose client failed breaks the run; empty if it failed by itself."""
         group.log.complete.wait(0.2)
         state = "{{.State.Running}} {{.State.OOMKilled}} {{.State.Error}}"
         code, out, err = run_command([self.name, "inspect", "--format", state, started.id])
         if code and "no such" in err.lower():  # it was never made
-            said = _reason(group.log.read().decode(errors="replace"))
-            missing = "no such image" in said.lower() or "image not known" in said
-            return f"{said} `{self.name} pull {started.container.image}` may get it." if missing else said
+            return _reason(group.log.read().decode(errors="replace"))
         if code:
             return f"it no longer answers: {_reason(err)}"
         running, starved, error = f"{out.strip()}  ".split(" ", 2)
@@ -175,11 +140,16 @@ class Engine(Runtime):
             return "it lost the container, which was still running"
         if starved == "true" or (started.container.memory and group.failure == "exited with code 137"):
             return _starved(started)
-        return _reason(error) if error.strip() else super().broken(started, group)
+        return _reason(error) if error.strip() else _broken(started, group)
 
 
-class Bundler(Runtime):
-    """A runtime of containers from a root folder's content, read-only."""
+class Bundler(ABC):
+    """A runtime of containers from a root folder's content, read-only; its methods are `Engine`'s."""
+
+    name: str
+
+    @abstractmethod
+    def works(self) -> bool: ...
 
     def prepare(self, started: Started) -> None:
         given = started.container
@@ -216,6 +186,9 @@ class Bundler(Runtime):
         pid = started.pid_inside()
         return ["nsenter", *_entered(pid, "net", "mnt", "pid"), "--", *command] if pid else []
 
+    def broken(self, started: Started, group: ProcessGroup) -> str:
+        return _broken(started, group)
+
 
 class Runc(Bundler):
     """`runc`; for root alone.
@@ -233,6 +206,11 @@ class Runc(Bundler):
         (started.folder / "root").mkdir()
         fresh = {"proc": "proc", "dev": "tmpfs", "tmp": "tmpfs", "run": "tmpfs"}
         options = {False: ["rbind", "rro"], True: ["rbind", "rw"]}
+        seen: list[Any] = [{"destination": f"/{name}", "type": kind, "source": kind} for name, kind in fresh.items()]
+        for each in mounts:
+            way = options[each.writable]
+            seen.append({"destination": each.target, "type": "bind", "source": each.source, "options": way})
+        namespaces = [{"type": kind} for kind in ("mount", "ipc", *(["network"] if isolated else []))]
         bundle = {
             "ociVersion": "1.0.2",
             "process": {
@@ -244,22 +222,8 @@ class Runc(Bundler):
                 "noNewPrivileges": True,
             },
             "root": {"path": "root", "readonly": True},
-            "mounts": [
-                *({"destination": f"/{name}", "type": kind, "source": kind} for name, kind in fresh.items()),
-                *(
-                    {
-                        "destination": each.target,
-                        "type": "bind",
-                        "source": each.source,
-                        "options": options[each.writable],
-                    }
-                    for each in mounts
-                ),
-            ],
-            "linux": {
-                "namespaces": [{"type": kind} for kind in ("mount", "ipc", *(["network"] if isolated else []))],
-                "cgroupsPath": f"/{started.id}",
-            },
+            "mounts": seen,
+            "linux": {"namespaces": namespaces, "cgroupsPath": f"/{started.id}"},
         }
         (started.folder / "config.json").write_text(json.dumps(bundle), encoding="utf-8")
         state = str(started.folder / "state")
@@ -292,19 +256,23 @@ class Bubblewrap(Bundler):
         return [*prefix, "env", "-i", *environment, *inner]
 
 
+Runtime: TypeAlias = Engine | Bundler
+
+
 @functools.cache
 def _working(name: str) -> Runtime | None:
     """Return a runtime, the same for all runs of a process; None if it does not work here."""
-    made = Runc() if name == Runc.name else Bubblewrap() if name == Bubblewrap.name else Engine(name)
+    made: Runtime = Runc() if name == Runc.name else Bubblewrap() if name == Bubblewrap.name else Engine(name)
     return made if made.works() else None
 
 
 def chosen(name: str, containers: Sequence[Container]) -> Runtime:
     """Return the runtime of this name, or the first that works here where it is empty; `ScenarioError` if none does."""
     names = ("docker", "podman") if containers[0].image else (Runc.name, Bubblewrap.name)
-    if (found := next(filter(None, map(_working, [name] if name else names)), None)) is None:
-        raise ScenarioError(f"containers need {name or ' or '.join(names)}, which does not work on this machine")
-    return found
+    for each in [name] if name else names:
+        if found := _working(each):
+            return found
+    raise ScenarioError(f"containers need {name or ' or '.join(names)}, which does not work on this machine")
 
 
 def run_command(command: Sequence[str], timeout_s: float = TIMEOUT_S) -> tuple[int, str, str]:
@@ -325,6 +293,15 @@ def _reason(text: str) -> str:
     for prefix in ("docker: ", "Error response from daemon: ", "Error: "):
         last = last.removeprefix(prefix)
     return last[:400]
+
+
+def _broken(started: Started, group: ProcessGroup) -> str:
+    if started.cgroup and started.cgroup.killed():
+        return _starved(started)
+    if group.failure and group.failure.startswith("was ended by"):  # else a signal of the program is an exit code of it
+        return f"its client {group.failure}"
+    found = re.search(_NOT_STARTED, group.log.last_line())
+    return found[1] if found else ""
 
 
 def _starved(started: Started) -> str:
