@@ -58,17 +58,22 @@ def begun(runtime, root, who, folder, mark=""):
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
 
 
-def left_of(runtime, mark, folder, for_s=90):
-    """Count the remains of runs that were begun with a mark."""
+def guard_of(mark):
+    """The guard of a run that was begun with a mark, and the run's own name in it; None where there is none yet."""
+    for each in psutil.process_iter(["cmdline"]):
+        found = [word for word in each.info["cmdline"] or () if word.startswith(mark)]
+        if found:
+            return each, found[0].split(".")[-2]
+    return None
+
+
+def left_of(runtime, mark, run, folder, for_s=90):
+    """Count the remains of a run that was begun with a mark."""
     until_s = time.monotonic() + for_s
     while True:
-        processes = len(list(marked(mark)))
-        guards = [
-            each for each in psutil.process_iter(["cmdline"]) if str(folder) in " ".join(each.info["cmdline"] or [])
-        ]
         found = {
-            "processes": processes + len(guards),
-            "containers": len(containers_left(runtime)),
+            "processes": len(list(marked(mark))) + (guard_of(mark) is not None),
+            "containers": len(containers_left(runtime, run)),
             "folders": len(list(folder.iterdir())),
         }
         if not any(found.values()) or time.monotonic() > until_s:
@@ -85,20 +90,29 @@ def side_by_side(runtime, root, runs, folder):
 
 
 def killed(runtime, root, points, rng, folder):
+    """Kill workers at random points of their runs, until so many were killed in one."""
     began_s = time.monotonic()
     begun(runtime, root, "x", folder).communicate(timeout=300)
     took_s = time.monotonic() - began_s
-    ok = True
-    for point in range(points):
+    ok, struck = True, 0
+    for point in range(20 * points):
         mark = f"killed-{runtime}-{point}-{os.getpid()}."
         worker = begun(runtime, root, "x", folder, mark)
-        time.sleep(after_s := rng.uniform(0.3, 1.0) * took_s)
+        while (guard := guard_of(mark)) is None and worker.poll() is None:
+            time.sleep(0.01)
+        time.sleep(after_s := rng.uniform(0.0, took_s))
+        is_in_flight = guard is not None and guard[0].is_running()
         worker.send_signal(signal.SIGKILL)
         worker.communicate()
-        left = left_of(runtime, mark, folder)
-        print(f"{runtime}: killed after {after_s:.2f} s of {took_s:.2f} s, left {left}", flush=True)
+        struck += is_in_flight
+        left = left_of(runtime, mark, guard[1] if guard else "none", folder)
         ok = ok and not any(left.values())
-    return ok
+        if is_in_flight or any(left.values()):
+            print(f"{runtime}: killed {after_s:.2f} s after the start of a run's guard, left {left}", flush=True)
+        if struck == points:
+            return ok
+    print(f"{runtime}: only {struck} of {points} were killed in a run")
+    return False
 
 
 def full_disk(runtime, root, folder):
@@ -183,6 +197,7 @@ def daemon_goes_away(root, start, processes, folder):
     said = ""
     try:
         with process_run(ProcessSetup(containers=containers, container_runtime="docker"), where=folder) as run:
+            mark, name = run._mark, run._mark.split(".")[-2]
             run.start(["sleep", "600"])
             time.sleep(1.0)
             processes[-1].kill()
@@ -192,7 +207,7 @@ def daemon_goes_away(root, start, processes, folder):
     except ScenarioError as error:
         said = str(error)
     start()
-    left = left_of("docker", "no mark", folder)
+    left = left_of("docker", mark, name, folder)
     print(f"docker: its daemon was killed: {said!r}; after its return left {left}")
     return "it no longer answers" in said and not any(left.values())
 

@@ -46,6 +46,19 @@ def docker():
             yield
 
 
+@contextlib.contextmanager
+def small_disk():
+    """Mount a disk of 8 MiB, in which runs then have their folders."""
+    with tempfile.TemporaryDirectory(prefix="proof-disk-") as folder:
+        subprocess.run(["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", folder], check=True)
+        before, tempfile.tempdir = tempfile.tempdir, folder
+        try:
+            yield folder
+        finally:
+            tempfile.tempdir = before
+            subprocess.run(["umount", folder], check=True)
+
+
 def container(mode, python):
     """The main container in which nodes are started."""
     if mode != "docker":
@@ -207,7 +220,8 @@ def undisturbed(place, text, python, runs):
 
 
 def tables(place):
-    (results,) = (place / "results").iterdir()
+    """Digests of the tables of the last call's results."""
+    results = max((place / "results").iterdir(), key=lambda each: each.stat().st_mtime)
     return {name: digest for name, digest in digests(results).items() if name.endswith((".parquet", ".csv"))}
 
 
