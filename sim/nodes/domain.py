@@ -1,17 +1,16 @@
 """Domains of ROS 2: each run has one of its own on this machine while it lives."""
 
-import fcntl
-import os
-import tempfile
+import socket
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import contextmanager
 from typing import Final
 
 from vastflow.sim.model.faults import ScenarioError
 
 DOMAINS: Final = range(1, 102)
 """Ids whose UDP ports lie below Linux's ephemeral ones; 0 is everybody's."""
+NAME: Final = "\0vastflow-ros-domain-{}"
+"""An abstract socket's, which is taken in the network in which nodes of the domain would meet, whatever folders runs have."""
 
 
 @contextmanager
@@ -23,23 +22,12 @@ def own_domain() -> Iterator[tuple[int, int]]:
     Raises:
         ScenarioError: all are taken.
     """
-    folder = Path(tempfile.gettempdir()) / "vastflow-ros-domains"
-    folder.mkdir(exist_ok=True)
-    with suppress(PermissionError):  # another user made it
-        folder.chmod(0o1777)
     for number in DOMAINS:
-        try:
-            descriptor = os.open(folder / str(number), os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
-        except PermissionError:  # another user's
-            continue
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(descriptor)
-            continue
-        try:
-            yield number, descriptor
-        finally:
-            os.close(descriptor)
-        return
+        with socket.socket(socket.AF_UNIX) as holding:
+            try:
+                holding.bind(NAME.format(number))
+            except OSError:  # another run has it
+                continue
+            yield number, holding.fileno()
+            return
     raise ScenarioError(f"all {len(DOMAINS)} domains of ROS 2 on this machine are taken by other runs")

@@ -4,7 +4,6 @@ It belongs to `ros2_nodes.py`.
 """
 
 import contextlib
-import fcntl
 import json
 import os
 import random
@@ -65,15 +64,6 @@ def container(mode, python):
         return {"rootfs": "/"}
     needed = ("/usr", "/etc", str(Path(python).parents[1]), str(Path(os.path.realpath(python)).parents[1]))
     return {"image": IMAGE, "mounts": [{"source": each, "target": each} for each in dict.fromkeys(needed)]}
-
-
-def is_locked(file):
-    with file.open() as opened:
-        try:
-            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-    return False
 
 
 class Striker:
@@ -187,24 +177,30 @@ class Striker:
             self.end()
         return True
 
+    def _guards(self, run):
+        """Guards of a run, or of any, which hold domains as long as they live."""
+        lines = ((each.pid, each.info["cmdline"] or ()) for each in psutil.process_iter(["cmdline"]))
+        return [f"guard {pid}" for pid, words in lines if any(word.startswith(f"{self.mark}{run}") for word in words)]
+
     def _left(self, run, folder):
         """Wait until nothing of a run is left, and return what is after half a minute."""
         until_s = time.monotonic() + 30.0
         while True:
             left = [f"process {pid}" for pid in marked(f"{self.mark}{run}.")]
             left += [str(folder)] if folder.exists() else []
+            left += self._guards(run)
             left += containers_left("docker" if self.mode == "docker" else "", run)
             if not left or time.monotonic() > until_s:
                 return left
             time.sleep(0.1)
 
     def end(self):
-        """Note what is left after the flow's end: processes, run folders, and locked domains."""
+        """Note what is left after the flow's end: processes, run folders, and guards, which hold domains."""
         until_s = time.monotonic() + 60.0
         while True:
             left = [f"process {pid}" for pid in marked(self.mark)]
             left += map(str, (self.place / "tmp").glob("vastflow-run-*"))
-            left += [str(each) for each in (self.place / "tmp" / "vastflow-ros-domains").glob("*") if is_locked(each)]
+            left += self._guards("")
             if not left or time.monotonic() > until_s:
                 self.left += left
                 return

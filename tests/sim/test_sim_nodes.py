@@ -1,11 +1,11 @@
 """Runs that nodes of ROS 2 drive: time, commands, missions, faults, failures, and domains, by a stand-in for the bridge."""
 
-import fcntl
 import json
 import os
 import pickle
 import re
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -395,36 +395,33 @@ def test_killed_worker_leaves_no_process_folder_or_domain():
         os.kill(worker.pid, signal.SIGKILL)
         worker.communicate()
         until_s = time.monotonic() + 30.0
-        while not (is_over := _is_over(folder, number, run, pids)) and time.monotonic() < until_s:
+        while not (is_over := _is_over(number, run, pids)) and time.monotonic() < until_s:
             time.sleep(0.05)
         assert is_over
 
 
-def _is_over(folder, number, run, pids):
-    return (
-        not Path(run).exists()
-        and not any(psutil.pid_exists(int(pid)) for pid in pids)
-        and not _is_locked(Path(folder, "vastflow-ros-domains", number))
-    )
+def _is_over(number, run, pids):
+    return not Path(run).exists() and not any(psutil.pid_exists(int(pid)) for pid in pids) and not _is_taken(number)
 
 
-def _is_locked(file):
-    with file.open() as opened:
+def _is_taken(number):
+    with socket.socket(socket.AF_UNIX) as other:
         try:
-            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            other.bind(domain.NAME.format(number))
+        except OSError:
             return True
     return False
 
 
-def test_domain_is_held_until_the_guard_of_a_run_has_ended(tmp_path):
-    descriptor = os.open(tmp_path / "1", os.O_CREAT | os.O_RDWR)
-    fcntl.flock(descriptor, fcntl.LOCK_EX)
-    with process_run(ProcessSetup(), holds=[descriptor]) as programs:
+def test_domain_is_held_until_the_guard_of_a_run_has_ended():
+    own = f"of-test-{os.getpid()}"
+    held = socket.socket(socket.AF_UNIX)
+    held.bind(domain.NAME.format(own))
+    with process_run(ProcessSetup(), holds=[held.fileno()]) as programs:
         programs.start([sys.executable, "-c", "import time; time.sleep(60)"])
-        os.close(descriptor)
-        assert _is_locked(tmp_path / "1")
-    assert not _is_locked(tmp_path / "1")
+        held.close()
+        assert _is_taken(own)
+    assert not _is_taken(own)
 
 
 LAUNCHES = """#!/usr/bin/env python3
@@ -454,7 +451,7 @@ EXECUTED = "import pickle, sys; from vastflow.sim.run import execute; execute(pi
 
 def test_domain_of_a_driven_run_is_held_by_its_guard_when_the_worker_is_killed(scenario, tmp_path):
     begun = tmp_path / "begun"
-    text = f"import time; open({str(begun)!r}, 'w'); time.sleep(600)"
+    text = f"import os, time; open({str(begun)!r}, 'w').write(os.environ['ROS_DOMAIN_ID']); time.sleep(600)"
     nodes = Nodes((NodeProcess("sleeps", (sys.executable, "-c", text)),), python=BRIDGE, mission="topic")
     setup = ProcessSetup(environment={"BEHAVIOR": "slow"}, nodes=nodes)
     sent = {"goal_pose": {"x": 3.9, "y": 1.0}, "start_pose": {"x": 1.0, "y": 1.0}}
@@ -462,17 +459,19 @@ def test_domain_of_a_driven_run_is_held_by_its_guard_when_the_worker_is_killed(s
     command = [sys.executable, "-c", EXECUTED, str(tmp_path / "scenario")]
     worker = subprocess.Popen(command, env={**os.environ, "TMPDIR": str(tmp_path)})
     until_s = time.monotonic() + 60.0
-    while not begun.exists() and time.monotonic() < until_s:
+    while not (begun.exists() and begun.read_text()) and time.monotonic() < until_s:
         time.sleep(0.05)
     (guard,) = [each for each in psutil.Process(worker.pid).children() if guarding.__file__ in each.cmdline()]
     guard.suspend()
     worker.kill()
     worker.wait()
-    (held,) = (tmp_path / "vastflow-ros-domains").iterdir()
-    assert _is_locked(held)
+    assert _is_taken(begun.read_text())
     guard.resume()
     guard.wait(30.0)
-    assert not _is_locked(held)
+    until_s = time.monotonic() + 30.0
+    while (is_taken := _is_taken(begun.read_text())) and time.monotonic() < until_s:  # perhaps by another test's run
+        time.sleep(0.1)
+    assert not is_taken
 
 
 def test_run_without_nodes_and_containers_imports_nothing_of_them(scenario, tmp_path):
