@@ -60,7 +60,6 @@ ALLOWED: Final[dict[str, tuple[int, str]]] = {
     "sim/scenario/programs/containers.py": (1, "/proc"),
     "sim/scenario/programs/folders.py": (2, "copies that were just made, and namespaces in /proc"),
     "sim/nodes/channel.py": (1, "a folder that was just made"),
-    "sim/nodes/domain.py": (1, "a lock"),
     "sim/scenario/programs/guard.py": (1, "/proc"),
     "sim/scenario/programs/resources.py": (1, "/proc"),
     "sim/scenario/programs/process.py": (2, "logs that were just opened for writing"),

@@ -59,7 +59,7 @@ def begun(runtime, root, who, folder, mark=""):
 
 
 def guard_of(mark):
-    """The guard of a run that was begun with a mark, and the run's own name in it; None where there is none yet."""
+    """The guard of a run begun with a mark, and the run's own name; None where there is none yet."""
     for each in psutil.process_iter(["cmdline"]):
         found = [word for word in each.info["cmdline"] or () if word.startswith(mark)]
         if found:

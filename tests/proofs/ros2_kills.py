@@ -216,18 +216,22 @@ def undisturbed(place, text, python, runs):
 
 
 def tables(place):
-    """Digests of the tables of the last call's results."""
+    """Digests of the tables of the last call's results, without that of what runs are given: their containers differ."""
     results = max((place / "results").iterdir(), key=lambda each: each.stat().st_mtime)
-    return {name: digest for name, digest in digests(results).items() if name.endswith((".parquet", ".csv"))}
+    return {
+        name: digest
+        for name, digest in digests(results).items()
+        if name.endswith(".parquet") and name != "configurations.parquet"
+    }
 
 
-def strikes(check, proof, text, python, points, seed):
+def strikes(check, proof, text, python, points, seed, only):
     """Strike at `points` points; each mode's campaign is then resumed, and its tables compared with those of a quiet one."""
     rng, runs, total = random.Random(seed), 3, 0
     with tempfile.TemporaryDirectory(prefix="proof-") as folder, contextlib.ExitStack() as stack:
         if shutil.which("dockerd"):
             stack.enter_context(docker())
-        modes = [mode for mode in MODES if mode != "docker" or shutil.which("dockerd")]
+        modes = [mode for mode in MODES if (mode != "docker" or shutil.which("dockerd")) and only in ("", mode)]
         wanted = undisturbed(Path(folder) / "quiet", text, python, runs)
         for number, mode in enumerate(modes):
             share = points // len(modes) + (number < points % len(modes))

@@ -378,8 +378,8 @@ class Proof:
         ClosedLoop.advance = advance  # type: ignore[method-assign]
         driven.DrivenSimulation._exchange = exchange  # type: ignore[method-assign]
 
-    def kills(self, points: int, seed: int) -> None:
-        ros2_kills.strikes(self.check, __file__, self.campaign(), self.python, points, seed)
+    def kills(self, points: int, seed: int, mode: str) -> None:
+        ros2_kills.strikes(self.check, __file__, self.campaign(), self.python, points, seed, mode)
 
     def paced(self, runs: int) -> None:
         for busy in (0, 8):
@@ -439,7 +439,9 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=40)
     parser.add_argument("--points", type=int, default=30)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--mode", choices=ros2_kills.MODES, default="plain", help=argparse.SUPPRESS)
+    parser.add_argument(
+        "--mode", choices=ros2_kills.MODES, default="", help="of kills: how nodes are run; all ways if not given"
+    )
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         environment = ros2_environment.Environment((asked.environment or Path(folder) / "environment").resolve())
@@ -451,7 +453,7 @@ def main() -> int:
         for part in asked.only:
             print(f"== {part}")
             runs = [asked.runs]
-            arguments = {"example": runs, "paced": runs, "kills": [asked.points, asked.seed]}.get(part, [])
+            arguments = {"example": runs, "paced": runs, "kills": [asked.points, asked.seed, asked.mode]}.get(part, [])
             getattr(proof, part)(*arguments)
     print(f"{proof.wrong} wrong")
     return int(proof.wrong > 0)
