@@ -208,8 +208,8 @@ class Runc(Bundler):
         options = {False: ["rbind", "rro"], True: ["rbind", "rw"]}
         seen: list[Any] = [{"destination": f"/{name}", "type": kind, "source": kind} for name, kind in fresh.items()]
         for each in mounts:
-            way = options[each.writable]
-            seen.append({"destination": each.target, "type": "bind", "source": each.source, "options": way})
+            how = options[each.writable]
+            seen.append({"destination": each.target, "type": "bind", "source": each.source, "options": how})
         namespaces = [{"type": kind} for kind in ("mount", "ipc", *(["network"] if isolated else []))]
         bundle = {
             "ociVersion": "1.0.2",
