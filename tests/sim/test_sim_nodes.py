@@ -449,7 +449,7 @@ def test_launched_nodes_end_with_the_run(driven, tmp_path, monkeypatch):
 EXECUTED = "import pickle, sys; from vastflow.sim.run import execute; execute(pickle.load(open(sys.argv[1], 'rb')), 0)"
 
 
-def test_domain_of_a_driven_run_is_held_by_its_guard_when_the_worker_is_killed(scenario, tmp_path):
+def test_driven_run_holds_its_domain_when_its_worker_is_killed(scenario, tmp_path):
     begun = tmp_path / "begun"
     text = f"import os, time; open({str(begun)!r}, 'w').write(os.environ['ROS_DOMAIN_ID']); time.sleep(600)"
     nodes = Nodes((NodeProcess("sleeps", (sys.executable, "-c", text)),), python=BRIDGE, mission="topic")
