@@ -36,6 +36,7 @@ from vastflow.sim.scenario.tree.stand_ins import stand_ins
 from vastflow.sim.scenario.tree.topics import ROS
 from vastflow.sim.scenario.tree.tree import ScenarioTree, StatusChange
 from vastflow.sim.scenario.tree.world import WORLD
+from vastflow.sim.world.mover import drawn_movers
 from vastflow.sim.world.world import read_grid, read_world
 
 PERIOD_S: Final = 0.1
@@ -204,7 +205,7 @@ def _arguments(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[in
     prepared = prepare(world, robot.lidar, robot.parameters, *masks)
     obstacles, timeout_s = checked.script.obstacles, checked.timeout_s
     given = prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, timeout_s
-    return *given, robot.movers
+    return *given, drawn_movers(robot.movers, entropy)
 
 
 def _tree(

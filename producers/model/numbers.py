@@ -47,6 +47,10 @@ Goals: TypeAlias = Annotated[Count, Field(le=MOST_GOALS)]
 Seed: TypeAlias = Annotated[Whole, Field(ge=0)]
 """η: any whole number from 0."""
 
+Numbers: TypeAlias = Annotated[
+    tuple[Number, ...], BeforeValidator(_listed, json_schema_input_type=Number | list[Number])
+]
+"""A finite number or a list of at least one; a tuple once read."""
 Positives: TypeAlias = Annotated[
     tuple[Positive, ...], BeforeValidator(_listed, json_schema_input_type=Positive | list[Positive])
 ]

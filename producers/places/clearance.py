@@ -137,12 +137,17 @@ def turning_rad(cells: Cells, passable: NDArray[np.bool_]) -> float:
 
     The path is given by its corners (N, 2) and stays within `passable` (H, W): the grid's own steps are no turns.
     """
+    legs = np.diff(taut(cells, passable), axis=0)
+    headings = atan2s(legs[:, 0], legs[:, 1])[np.any(legs != 0, axis=1)]
+    turns = np.diff(headings)
+    return float(np.abs((turns + np.pi) % (2 * np.pi) - np.pi).sum())
+
+
+def taut(cells: Cells, passable: NDArray[np.bool_]) -> Cells:
+    """Return the corners (M, 2) of a path with corners (N, 2) that is pulled taut within `passable` (H, W)."""
     kept = [cells[0]]
     for k in range(2, len(cells)):
         straight = np.linspace(kept[-1], cells[k], 2 * int(np.abs(cells[k] - kept[-1]).max()) + 1)
         if not passable[tuple(np.rint(straight).astype(np.int64).T)].all():
             kept.append(cells[k - 1])
-    legs = np.diff(np.array([*kept, cells[-1]]), axis=0)
-    headings = atan2s(legs[:, 0], legs[:, 1])[np.any(legs != 0, axis=1)]
-    turns = np.diff(headings)
-    return float(np.abs((turns + np.pi) % (2 * np.pi) - np.pi).sum())
+    return np.array([*kept, cells[-1]])

@@ -1,8 +1,10 @@
 """Movers: bodies that move by a rule of time, or react, whatever they meet."""
 
-from dataclasses import dataclass
-from typing import Any, Final, NamedTuple, TypeAlias
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple, Self, TypeAlias
 
+import numpy as np
 from pydantic import ValidationInfo, field_validator
 
 from vastflow.sim.model.parameter import ParameterGroup
@@ -20,6 +22,14 @@ class MoverRule(ParameterGroup):
     @classmethod
     def _in_tuples(cls, value: Any, info: ValidationInfo) -> Any:
         return _frozen(value)
+
+    def drawn(self, rng: np.random.Generator) -> Self:
+        """Return the rule for one run, in which what is random has been drawn; by default nothing is.
+
+        Args:
+            rng: The body's own generator of that run.
+        """
+        return self
 
 
 class Mover(MoverRule):
@@ -66,6 +76,17 @@ class MovingBody:
     name: str
     shape: Disc | Box
     rule: Mover | ReactiveMover
+
+
+_STREAM: Final = 0x30FE
+"""Separates what is drawn of movers from the random numbers of the robot's subsystems."""
+
+
+def drawn_movers(movers: Sequence[MovingBody], entropy: Sequence[int]) -> tuple[MovingBody, ...]:
+    """Return movers as they are in the run of this entropy, see `vastflow.sim.kernels.streams.run_entropy`."""
+    seeds = (np.random.SeedSequence([*entropy, _STREAM, k]) for k in range(len(movers)))
+    generators = (np.random.Generator(np.random.PCG64(seed)) for seed in seeds)
+    return tuple(replace(body, rule=body.rule.drawn(rng)) for body, rng in zip(movers, generators, strict=True))
 
 
 MOVER_PLUG_INS: Final = Registry("vastflow.movers", "mover", MoverRule, "campaign file")

@@ -5,8 +5,9 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from functools import cached_property
 from itertools import accumulate, pairwise
-from typing import Annotated, Final, Literal, NamedTuple, TypeAlias
+from typing import Annotated, Final, Literal, NamedTuple, Self, TypeAlias
 
+import numpy as np
 from pydantic import Field, field_validator
 
 from vastflow.sim.model.elementary import atan2, dist
@@ -39,6 +40,7 @@ class Waypoints(Mover):
             the first (`around`).
         pause_s: Time that it stays at each waypoint that it reaches, and turns in; without one it turns at once.
         start_s: Time at which it leaves the first waypoint.
+        phase_s: Greatest time by which it is ahead of that in a run, drawn for each.
     """
 
     waypoints: Annotated[tuple[Point, ...], Field(min_length=2, max_length=MOST_WAYPOINTS)]
@@ -46,6 +48,7 @@ class Waypoints(Mover):
     loop: Literal["once", "back_and_forth", "around"] = "once"
     pause_s: float = parameter(0.0, 0.0, 1e6)
     start_s: float = parameter(0.0, 0.0, 1e6)
+    phase_s: float = parameter(0.0, 0.0, 1e6)
 
     @field_validator("waypoints")
     @classmethod
@@ -56,6 +59,9 @@ class Waypoints(Mover):
             if k and dist(waypoints[k - 1], there) < SHORTEST_M:
                 raise ValueError(f"waypoints that differ from the one before, got {list(there)} again at index {k}")
         return waypoints
+
+    def drawn(self, rng: np.random.Generator) -> Self:
+        return self.model_copy(update={"start_s": self.start_s - self.phase_s * rng.random()})
 
     def pose_at(self, t_s: float) -> Place:
         phases, ends_s = self._path
