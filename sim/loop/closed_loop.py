@@ -23,6 +23,7 @@ from vastflow.sim.world.mover_poses import MoverPoses
 from vastflow.sim.world.obstacle_rows import NOT_THERE, obstacle_rows, trigger_rows
 from vastflow.sim.world.physics import Physics
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.social_force import Walls
 
 
 class ClosedLoop:
@@ -61,7 +62,8 @@ class ClosedLoop:
     ) -> None:
         self.frame = frame = prepared.occupancy.frame
         self.last_tick = round(timeout_s / TICK_S)
-        self.movers = moving = MoverPoses(movers, frame, self.last_tick)
+        walls = Walls(prepared.skips, prepared.world.resolution_m, *prepared.world.origin_xy_m)
+        self.movers = moving = MoverPoses(movers, frame, self.last_tick, walls)
         moving.look_ahead(0, start_pose)
         at_start = (Obstacle(each.name, each.shape, moving.at(0, k)) for k, each in enumerate(movers))
         self.obstacles = every = [*at_start, *(obstacle.in_grid(frame) for obstacle in obstacles)]

@@ -15,7 +15,8 @@ from vastflow.sim.model.shape import Box, Disc
 from vastflow.sim.nav2.parameter_files.reader import shown
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import plug_in_value
-from vastflow.sim.world.mover import MOVER_PLUG_INS, Mover, MovingBody, ReactiveMover
+from vastflow.sim.world.mover import MOVER_PLUG_INS, Mover, MoverRule, MovingBody, ReactiveMover
+from vastflow.sim.world.pedestrian import Pedestrian
 
 MOVERS_KEY: Final = "movers"
 WAYPOINTS: Final = "waypoints"
@@ -86,7 +87,7 @@ def _shape(value: Value, place: str) -> Disc | Box:
     return Disc(**numbers) if "radius_m" in numbers else Box(**numbers)
 
 
-def _rule(entry: Mapping[str, Value], place: str) -> Mover | ReactiveMover:
+def _rule(entry: Mapping[str, Value], place: str) -> MoverRule:
     try:
         kind = MOVER_PLUG_INS.of(entry.get("rule", WAYPOINTS))
     except PlugInError as error:
@@ -103,6 +104,6 @@ def _rule(entry: Mapping[str, Value], place: str) -> Mover | ReactiveMover:
     except ValidationError as error:
         key, right = next(complaints(kind, error))
         raise ScenarioError(f"{place}.{key}: expected {right}, got {shown(given.get(key))}") from None
-    if not isinstance(rule, Mover | ReactiveMover):
+    if not isinstance(rule, Mover | ReactiveMover | Pedestrian):
         raise ScenarioError(f"{place}.rule: expected a subclass of Mover or ReactiveMover, got {kind.__name__}")
     return rule

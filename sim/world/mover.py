@@ -75,7 +75,7 @@ class MovingBody:
 
     name: str
     shape: Disc | Box
-    rule: Mover | ReactiveMover
+    rule: MoverRule
 
 
 _STREAM: Final = 0x30FE

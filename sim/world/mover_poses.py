@@ -12,7 +12,9 @@ from vastflow.sim.model.pose import GridFrame, Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns
 from vastflow.sim.world.mover import Mover, MovingBody, ReactiveMover, Sight
+from vastflow.sim.world.pedestrian import Crowd
 from vastflow.sim.world.readers.reader import FARTHEST_M
+from vastflow.sim.world.social_force import Walls
 
 AHEAD_TICKS: Final = 200
 """Ticks for which rules of time are asked at once; a body that reacts is asked tick by tick."""
@@ -21,12 +23,18 @@ AHEAD_TICKS: Final = 200
 class MoverPoses:
     """The poses of movers, as far as they are known.
 
+    Args:
+        walls: The walls that pedestrians keep off.
+
     Attributes:
         table: (ticks + 1, M, 3) x, y, yaw at each tick in the frame of the map's grid, as kernels read it.
     """
 
-    def __init__(self, movers: Sequence[MovingBody], frame: GridFrame, ticks: int) -> None:
+    def __init__(self, movers: Sequence[MovingBody], frame: GridFrame, ticks: int, walls: Walls) -> None:
         self._movers, self._frame = movers, frame
+        self._crowd = Crowd(movers, frame, walls)
+        self._alone = [(k, body) for k, body in enumerate(movers) if k not in self._crowd.members]
+        self._reacts = self._crowd.reacts or any(isinstance(body.rule, ReactiveMover) for body in movers)
         self.table = np.zeros((ticks + 1, len(movers), 3))
         self._known = -1
 
@@ -39,13 +47,13 @@ class MoverPoses:
         last = len(self.table) - 1
         if not self._movers:
             return last
-        reacts = any(isinstance(body.rule, ReactiveMover) for body in self._movers)
         while self._known < min(tick + 1, last):
-            for _ in range(1 if reacts else AHEAD_TICKS):
-                if self._known < last:
-                    self._known += 1
-                    for k, body in enumerate(self._movers):
-                        self.table[self._known, k] = self._asked(k, body, robot)
+            first, ticks = self._known + 1, min(1 if self._reacts else AHEAD_TICKS, last - self._known)
+            if self._crowd.members:
+                self.table[first : first + ticks, self._crowd.members] = self._crowd.walk(ticks, robot, first == 0)
+            for self._known in range(first, first + ticks):
+                for k, body in self._alone:
+                    self.table[self._known, k] = self._asked(k, body, robot)
         return self._known
 
     def at(self, tick: int, k: int) -> Pose:
@@ -57,6 +65,8 @@ class MoverPoses:
         try:
             if isinstance(body.rule, Mover):
                 found = body.rule.pose_at(now * TICK_S)
+            elif not isinstance(body.rule, ReactiveMover):
+                raise TypeError("expected a Mover or a ReactiveMover")
             elif now == 0:
                 found = body.rule.begin()
             else:

@@ -8,7 +8,7 @@ from itertools import accumulate, pairwise
 from typing import Annotated, Final, Literal, NamedTuple, Self, TypeAlias
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field
 
 from vastflow.sim.model.elementary import atan2, dist
 from vastflow.sim.model.parameter import parameter
@@ -20,6 +20,19 @@ SHORTEST_M: Final = 1e-6
 """Least distance of two waypoints; nearer ones are the same."""
 
 Point: TypeAlias = tuple[float, float]
+
+
+def _apart(waypoints: tuple[Point, ...]) -> tuple[Point, ...]:
+    for k, there in enumerate(waypoints):
+        if not max(map(abs, there)) <= FARTHEST_M:
+            raise ValueError(f"waypoints within {FARTHEST_M:g} m of the origin, got {list(there)} at index {k}")
+        if k and dist(waypoints[k - 1], there) < SHORTEST_M:
+            raise ValueError(f"waypoints that differ from the one before, got {list(there)} again at index {k}")
+    return waypoints
+
+
+Route: TypeAlias = Annotated[tuple[Point, ...], Field(max_length=MOST_WAYPOINTS), AfterValidator(_apart)]
+"""Waypoints (x, y) in the map's frame (m), each apart from the one before."""
 
 
 class _Phase(NamedTuple):
@@ -43,22 +56,12 @@ class Waypoints(Mover):
         phase_s: Greatest time by which it is ahead of that in a run, drawn for each.
     """
 
-    waypoints: Annotated[tuple[Point, ...], Field(min_length=2, max_length=MOST_WAYPOINTS)]
+    waypoints: Annotated[Route, Field(min_length=2)]
     speed_m_s: float = parameter(1.0, 0.001, 100.0)
     loop: Literal["once", "back_and_forth", "around"] = "once"
     pause_s: float = parameter(0.0, 0.0, 1e6)
     start_s: float = parameter(0.0, 0.0, 1e6)
     phase_s: float = parameter(0.0, 0.0, 1e6)
-
-    @field_validator("waypoints")
-    @classmethod
-    def _apart(cls, waypoints: tuple[Point, ...]) -> tuple[Point, ...]:
-        for k, there in enumerate(waypoints):
-            if not max(map(abs, there)) <= FARTHEST_M:
-                raise ValueError(f"waypoints within {FARTHEST_M:g} m of the origin, got {list(there)} at index {k}")
-            if k and dist(waypoints[k - 1], there) < SHORTEST_M:
-                raise ValueError(f"waypoints that differ from the one before, got {list(there)} again at index {k}")
-        return waypoints
 
     def drawn(self, rng: np.random.Generator) -> Self:
         return self.model_copy(update={"start_s": self.start_s - self.phase_s * rng.random()})

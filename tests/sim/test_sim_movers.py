@@ -35,6 +35,8 @@ from vastflow.sim.world.mover_conformance import check_mover
 from vastflow.sim.world.mover_poses import MoverPoses
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.skip_table import skip_table_of
+from vastflow.sim.world.social_force import Walls
 from vastflow.sim.world.waypoints import Waypoints
 from vastflow.sim.world.world import World
 
@@ -139,6 +141,7 @@ def test_run_with_movers_has_equal_bytes_alone_batched_and_elsewhere(two_rooms, 
 
 
 FLOOR = OccupancyMap(np.zeros((120, 160), dtype=np.int8), 0.05, (0.0, 0.0))
+WALLS = Walls(skip_table_of(FLOOR.occupied), 0.05, 0.0, 0.0)
 
 
 def loop_with(movers, obstacles=(), at=(4.0, 3.0), timeout_s=20.0, occupancy=FLOOR, radius_m=0.17):
@@ -322,7 +325,7 @@ def test_rule_that_leaves_the_world_ends_the_run_with_its_name_and_time(place):
         def pose_at(self, t_s):
             return place if t_s >= 1.0 else (0.0, 0.0, 0.0)
 
-    poses = MoverPoses((MovingBody("far", Disc(0.2), Leaves()),), FLOOR.frame, 40)
+    poses = MoverPoses((MovingBody("far", Disc(0.2), Leaves()),), FLOOR.frame, 40, WALLS)
     with pytest.raises(ScenarioError, match=r"mover 'far': expected x, y, and yaw at 1 s, got .* within 10000 m, got"):
         poses.look_ahead(0, Pose(0.0, 0.0))
 

@@ -1,0 +1,128 @@
+"""The producer of pedestrians that walk about on the map."""
+
+import itertools
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Final, TypeAlias
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from vastflow.producers.catalog.crossing import taut_m, with_movers
+from vastflow.producers.model import producer
+from vastflow.producers.model.configuration import DRAW, Fragment, Rejection
+from vastflow.producers.model.numbers import Amount, Count, NotNegative, Positive, Seed
+from vastflow.producers.model.producer import Draws, Producer
+from vastflow.producers.places.ground import Ground, ground_of, map_of
+from vastflow.producers.places.route import LegRequest, draw_leg
+from vastflow.producers.places.stops import START_KEY, given_start
+from vastflow.sim.model.digest import Value, digest
+from vastflow.sim.model.elementary import hypots
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Dimension
+from vastflow.sim.reading.movers import MOVERS_KEY
+from vastflow.sim.world.environment import MAP_KEY
+
+MARGIN_M: Final = 0.1
+"""Least gap between walls and a person on its route."""
+TRIES: Final = 50
+"""Routes that are drawn for a person."""
+
+
+def _listed(value: object) -> object:
+    return value if isinstance(value, list | tuple) else [value]
+
+
+Amounts: TypeAlias = Annotated[tuple[Amount, ...], BeforeValidator(_listed), Field(min_length=1)]
+Flags: TypeAlias = Annotated[tuple[bool, ...], BeforeValidator(_listed), Field(min_length=1)]
+
+
+class PedestrianParameters(producer.Parameters):
+    """Parameters of `PedestrianVariation`."""
+
+    amount: Amounts
+    """Number of pedestrians; one value or several. More of them are the fewer and further ones."""
+    avoids_robot: Flags = (True,)
+    """Whether they walk round the robot, or through it; one value or several."""
+    name: Annotated[str, Field(min_length=1)] = "person"
+    """Begins their names: `person 1`, `person 2`, …"""
+    radius_m: Positive = 0.25
+    """Radius of a person (m)."""
+    speed: Positive = 1.29
+    """Mean of their desired speeds (m/s), drawn for each run."""
+    speed_std: NotNegative = 0.19
+    """Standard deviation of these (m/s)."""
+    route: Positive = 6.0
+    """Length of a route (m), by half as much more or less; they walk to and fro on it, and begin anywhere on it in a run."""
+    keep_off: NotNegative = 1.0
+    """Least distance of routes from the robot's start (m)."""
+    count: Count = 1
+    """Draws of all routes."""
+    seed: Seed = 0
+    """Seed of the draws."""
+
+
+class PedestrianVariation(Producer[PedestrianParameters]):
+    """Pedestrians by the social force model, who walk to and fro on routes of their own.
+
+    A route is a shortest path on free ground, pulled taut, and keeps off the robot's start. Other bodies that move are kept.
+    """
+
+    Parameters = PedestrianParameters
+
+    reads = (MAP_KEY, START_KEY, MOVERS_KEY)
+    needs = (MAP_KEY,)
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        return {MOVERS_KEY: self.parameters.dimension}
+
+    @property
+    def most_choices(self) -> int:
+        asked = self.parameters
+        return len(asked.amount) * len(asked.avoids_robot) * asked.count
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield `count` draws of each amount and, within it, of each manner.
+
+        A route depends on the seed, what is read, its draw, and its number alone.
+        """
+        asked = self.parameters
+        ground = ground_of(map_of(inputs), 2 * (asked.radius_m + MARGIN_M))
+        start = given_start(inputs, START_KEY)
+        for amount, avoids, number in itertools.product(asked.amount, asked.avoids_robot, range(1, asked.count + 1)):
+            requested = {"amount": amount, "avoids_robot": avoids, DRAW: number}
+            people: list[dict[str, Value]] = []
+            for k in range(1, amount + 1):
+                route = self._route(ground, start, draws(int(digest({DRAW: number, "person": k})[:16], 16)))
+                if route is None:
+                    break
+                people.append(self._person(k, route, avoids))
+            if len(people) < amount:
+                yield Rejection(f"no route for person {len(people) + 1} was found in {TRIES} draws", requested)
+            else:
+                yield Fragment(with_movers(inputs, people, requested))
+
+    def _route(self, ground: Ground, start: Pose | None, rng: np.random.Generator) -> list[list[float]] | None:
+        request = LegRequest(self.parameters.route, self.parameters.route / 2, 0.0)
+        for _ in range(TRIES if len(ground.cells) else 0):
+            row, column = ground.cells[rng.integers(len(ground.cells))].tolist()
+            leg = draw_leg(ground, (row, column), request, rng)
+            if leg is None:
+                continue
+            centers_m = ground.occupancy.centers_of(leg.cells)
+            if start is None or hypots(*(centers_m - (start.x_m, start.y_m)).T).min() >= self.parameters.keep_off:
+                return [[round(x, 6), round(y, 6)] for x, y in taut_m(ground, centers_m).tolist()]
+        return None
+
+    def _person(self, k: int, route: list[list[float]], avoids: bool) -> dict[str, Value]:
+        asked, waypoints = self.parameters, list[Value]([*route])
+        return {
+            "name": f"{asked.name} {k}",
+            "shape": {"radius_m": asked.radius_m},
+            "rule": "pedestrian",
+            "waypoints": waypoints,
+            "speed_m_s": asked.speed,
+            "speed_std_m_s": asked.speed_std,
+            "phase_s": 3 * asked.route / asked.speed,
+            "avoids_robot": avoids,
+        }
