@@ -126,6 +126,9 @@ STANDING_RADPS: Final = 0.01
 """A robot slower than both stands."""
 
 
+PERSONAL_M: Final = 1.2
+"""Outer end of the personal distance of people (Hall, The Hidden Dimension, 1966)."""
+
 _OF_ESTIMATES: Final = ("stopped", "deviation_mm")
 """Derived columns that a robot's estimate of its pose has; it says nothing of what is near."""
 
@@ -164,7 +167,7 @@ class ScenarioObserver:
         `wall_clearance_mm`: distance of the robot's center to the nearest occupied cell, 0 inside one. `deviation_mm`: to the
         reference path. `separation_mm/<size class>`: to the nearest obstacle's center; of a mover `separation_mm/<name>`. `static_clearance_mm`,
         `appearing_clearance_mm`, and `moving_clearance_mm`: to the nearest outline of obstacles that stand there from the start, of
-        others, and of movers. All distances are `NOWHERE_MM` without an object. Where the pose is the robot's own estimate, there are neither
+        others, and of movers. With movers, `time_to_collision_ms` and `personal_space_intrusions`, see `encounters`. All distances are `NOWHERE_MM` without an object. Where the pose is the robot's own estimate, there are neither
         errors nor distances to anything.
 
         Raises:
@@ -191,7 +194,9 @@ class ScenarioObserver:
             corners = reference.points_xy_m
             path = shapely.linestrings(corners) if len(corners) > 1 else shapely.points(corners[0])
             derived["deviation_mm"] = _mm(shapely.distance(path, shapely.points(x_m, y_m)))
-        derived |= distances_to(obstacles, recording.columns["t_ms"], np.column_stack((x_m, y_m)))
+        t_ms, xy_m = recording.columns["t_ms"], np.column_stack((x_m, y_m))
+        derived |= distances_to(obstacles, t_ms, xy_m)
+        derived |= encounters(obstacles, t_ms, xy_m, self.situation.circumscribed_radius_m)
         if recording.run.estimated_by:
             derived = {name: derived[name] for name in _OF_ESTIMATES}
         return reference, derived
@@ -220,6 +225,34 @@ def distances_to(
         centers_m = hypots(*(xy_m - track.at(t_ms)).T)
         apart_m.setdefault(f"separation_mm/{track.group}", []).append(centers_m)
     return {name: _mm(np.min(apart_m[name], axis=0)) for name in sorted(apart_m, key=lambda name: ("/" in name, name))}
+
+
+def encounters(
+    obstacles: Sequence[ObstacleTrack], t_ms: NDArray[np.int32], xy_m: NDArray[np.float64], radius_m: float
+) -> dict[str, NDArray[np.int32]]:
+    """Columns (N,) of a robot's encounters with movers; none without movers.
+
+    `time_to_collision_ms`: least time until the discs about robot and mover touch if neither changes its velocity, that since the row
+    before; `NOWHERE_MM` where they don't. `personal_space_intrusions`: number of movers whose outline is within `PERSONAL_M` of the
+    robot's disc.
+    """
+    movers = [track for track in obstacles if track.moves]
+    if not movers:
+        return {}
+    steps_s = np.maximum(np.diff(t_ms), 1) * 1e-3
+    soonest_s, intrusions = np.full(len(t_ms), np.inf), np.zeros(len(t_ms), dtype=np.int32)
+    for track in movers:
+        apart = track.at(t_ms) - xy_m
+        closing = np.zeros_like(apart)
+        closing[1:] = np.diff(apart, axis=0) / steps_s[:, None]
+        a, b, c = (closing * closing).sum(axis=1), (apart * closing).sum(axis=1), (apart * apart).sum(axis=1)
+        c -= (radius_m + track.obstacle.shape.circumradius_m) ** 2
+        root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+        meets = (b < 0.0) & (b * b >= a * c)
+        time_s = np.where(c <= 0.0, 0.0, np.where(meets, (-b - root) / np.where(meets, a, 1.0), np.inf))
+        soonest_s = np.minimum(soonest_s, time_s)
+        intrusions += track.clearance_m(t_ms, xy_m) - radius_m < PERSONAL_M
+    return {"time_to_collision_ms": _mm(soonest_s), "personal_space_intrusions": intrusions}
 
 
 def _clearance_m(

@@ -68,7 +68,7 @@ class Trace:
             `separation_m/<size class>` (to the nearest obstacle's center, infinite while there is none), `static_clearance_m` and
             `appearing_clearance_m` (to the nearest outline of obstacles from the start, and of later ones); absent without an object.
             With movers: `mover_x_m/<name>`, `mover_y_m/<name>`, `mover_yaw_rad/<name>`, `separation_m/<name>`, and
-            `moving_clearance_m` (to the nearest outline of one).
+            `moving_clearance_m` (to the nearest outline of one), `time_to_collision_s`, and `personal_space_intrusions`.
         reference: The best path around the obstacles of this run, see `reference_path`.
         tables: CSV and parquet files of the run's programs: path below the run's folder, without suffix, to columns (M,).
     """
@@ -129,7 +129,7 @@ def signals_of(stored: Mapping[str, NDArray[np.int32]]) -> dict[str, NDArray[np.
     for each, column in stored.items():
         name = signal_name(each)
         signals[name] = column.astype(np.float64) if name == each else si(column)
-        if name.startswith("separation_m/") or name in CLEARANCES:
+        if name.startswith("separation_m/") or name in (*CLEARANCES, "time_to_collision_s"):
             signals[name][column == NOWHERE_MM] = np.inf
         elif name.endswith(("m2", "rad2")):
             signals[name] = signals[name] * 1e-3
