@@ -47,18 +47,16 @@ class SocialParameters(Parameters):
     Attributes:
         fail_on_contact: Contacts that fail a run: `none`, those in which the `robot` moved into the body, or `any`.
         most_intimate_share: Greatest share of a run's time closer than 0.45 m.
-        robot_radius_m: Radius of the robot (m); by default circumscribed.
     """
 
     fail_on_contact: Literal["none", "robot", "any"] = "any"
     most_intimate_share: float = Field(default=1.0, ge=0, le=1)
-    robot_radius_m: float | None = Field(default=None, ge=0)
 
 
 class Social(Oracle[SocialParameters]):
     """Fails where the robot touches a body that moves, or is close to one for too long.
 
-    Distances are those from the rim of the robot's disc to the outline of the nearest mover, row by row. A party of a contact moved into
+    Distances are those from the rim of the robot's circumscribed disc to the outline of the nearest mover, row by row. A party of a contact moved into
     the other if it approached at more than 0.05 m/s up to the last row before; both may, or neither. A run without movers passes.
 
     Metrics: `smallest_distance` (m), negative where the disc overlaps a mover; `intimate_share` and `personal_share` (1), shares of the run's time closer than
@@ -84,8 +82,7 @@ class Social(Oracle[SocialParameters]):
         }
         if len(trace) < 2 or not tracks:
             return self.not_judged(trace, "the recording has no two rows with movers")
-        radius_m = self.parameters.robot_radius_m
-        distance_m = trace["moving_clearance_m"] - (situation.circumscribed_radius_m if radius_m is None else radius_m)
+        distance_m = trace["moving_clearance_m"] - situation.circumscribed_radius_m
         # Each row stands for half the steps on either side.
         steps_s = np.diff(trace["t_s"], prepend=trace["t_s"][0], append=trace["t_s"][-1])
         weights = (steps_s[:-1] + steps_s[1:]) / (2 * (trace["t_s"][-1] - trace["t_s"][0]))

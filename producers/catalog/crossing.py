@@ -11,13 +11,7 @@ from pydantic import Field, model_validator
 
 from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import REQUESTED, Fragment, Rejection
-from vastflow.producers.model.numbers import (
-    DEFAULT_ROBOT_DIAMETER_M,
-    NotNegative,
-    Numbers,
-    Positive,
-    Positives,
-)
+from vastflow.producers.model.numbers import DEFAULT_ROBOT_DIAMETER_M, NotNegative, Numbers, Positive, Positives
 from vastflow.producers.model.producer import Draws, Producer
 from vastflow.producers.places.clearance import taut
 from vastflow.producers.places.ground import Ground, ground_of, map_of
@@ -101,17 +95,13 @@ class CrossingVariation(Producer[CrossingParameters]):
         names = "encounter_s", "angle_deg", "speed", "late_s"
         for values in itertools.product(*(getattr(asked, name) for name in names)):
             requested = dict(zip(names, values, strict=True))
-            if isinstance(line, str):
-                yield Rejection(line, requested)
-                continue
             ground = ground_of(map_of(inputs), 2 * shape.circumradius_m)
-            motion = self._motion(line, ground, **requested)
+            motion = line if isinstance(line, str) else self._motion(line, ground, **requested)
             if isinstance(motion, str):
                 yield Rejection(motion, requested)
-            else:
-                yield Fragment(
-                    with_movers(inputs, [{"name": asked.name, "shape": {**asked.shape}, **motion}], requested)
-                )
+                continue
+            entry: dict[str, Value] = {"name": asked.name, "shape": {**asked.shape}, **motion}
+            yield Fragment(with_movers(inputs, [entry], requested))
 
     def _motion(
         self, line: Line, ground: Ground, encounter_s: float, angle_deg: float, speed: float, late_s: float
@@ -138,9 +128,7 @@ class CrossingVariation(Producer[CrossingParameters]):
             )
         begin = x_m - run_up_m * toward[0], y_m - run_up_m * toward[1]
         if dist(begin, point_at(line, 0.0)) < ground.robot_diameter_m / 2 + asked.robot_diameter / 2 + MARGIN_M:
-            return (
-                f"at {encounter_s:g} s, {angle_deg:g} degrees, and {speed:g} m/s the body begins where the robot does"
-            )
+            return f"at {encounter_s:g} s, {angle_deg:g} degrees, {speed:g} m/s the body begins where the robot does"
         beyond_m = max(free_m(ground, (x_m, y_m), toward), ground.occupancy.resolution_m)
         ends = [[round(x_m + at_m * toward[0], 6), round(y_m + at_m * toward[1], 6)] for at_m in (-run_up_m, beyond_m)]
         return {"waypoints": ends, "speed_m_s": speed, "start_s": round(there_s - run_up_m / speed, 6)}

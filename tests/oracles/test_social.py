@@ -99,11 +99,6 @@ def test_long_closeness_fails_as_asked(most, judgment):
         assert verdict.reason.startswith("closer than 0.45 m to a mover for 2")
 
 
-def test_robot_radius_is_taken_as_asked():
-    trace = trace_with((0.0, 0.0), (2.5, 0.0), (0.0, 0.0))
-    assert judged(trace, robot_radius_m=0.5)[1]["smallest_distance"] == pytest.approx(1.7)
-
-
 def test_run_without_movers_passes_and_one_without_rows_is_not_judged():
     run = Run(0, "0", "succeeded", 0, "", 1.0, 1.0, 0, 0)
     empty = Trace(run, {}, NoReference("none is needed"))

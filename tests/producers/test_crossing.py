@@ -66,6 +66,14 @@ def test_body_is_where_the_robot_is_expected_from_the_asked_side(inputs, encount
     assert math.dist(rule.waypoints[0], rule.pose_at(there_s)[:2]) >= 0.5 - 1e-6
 
 
+def test_angle_counts_from_the_direction_of_the_path(inputs):
+    upward = {"start_pose": {"x": 7.0, "y": -1.0}, "goal_pose": {"x": 7.0, "y": 4.0}}
+    for item in evaluate(crossing(encounter_s=5.0, angle_deg=[60, -90], run_up=0.5), {**inputs, **upward}):
+        (x0, y0, _), (x1, y1, _) = (rule_of(item).pose_at(t_s) for t_s in (4.8, 5.2))
+        turned_rad = math.remainder(math.atan2(y1 - y0, x1 - x0) - math.pi / 2, math.tau)
+        assert math.degrees(turned_rad) == pytest.approx(item.values["_requested_movers"]["angle_deg"], abs=0.1)
+
+
 def test_body_walks_on_free_ground_and_is_not_late_for_lack_of_it(inputs):
     ground = ground_of(inputs["map_file"], 0.5)
     for item in evaluate(crossing(angle_deg=[30, 90, 160, -120], speed=[0.4, 3.0]), inputs):
@@ -87,7 +95,7 @@ def test_free_ground_ends_a_radius_before_the_wall(inputs):
         ({}, {"encounter_s": 40.0}, r"the robot is 20.00 m along its path at 40 s, and the path is 10.00 m long"),
         ({}, {"departure_s": 10.0}, r"the robot is 0.00 m along its path"),
         ({}, {"speed": 0.1}, r"at 10 s and 90 degrees the body has 1.00 m to the robot's path, and run_up is 1.5 m"),
-        ({}, {"angle_deg": 0, "speed": 0.5}, r"at 10 s, 0 degrees, and 0.5 m/s the body begins where the robot does"),
+        ({}, {"angle_deg": 0, "speed": 0.5}, r"at 10 s, 0 degrees, 0.5 m/s the body begins where the robot does"),
         (
             {"goal_poses": [{"x": 6.0, "y": 1.5}, {"x": 2.0, "y": 1.5}]},
             {"encounter_s": 8.0},
