@@ -47,6 +47,7 @@ class Case:
     Attributes:
         paths: True trajectories (N, 2) by judgment, of which `chosen` is drawn strong.
         estimate_xy_m: (N, 2) an estimated path, dashed.
+        mover_paths: Trajectories (N, 2) of movers in one run, dotted.
         route_xy_m: (N, 2) the way, which is in sight in all figures, and drawn in a plan view.
     """
 
@@ -58,6 +59,7 @@ class Case:
     chosen: int | None = None
     zones: Zones = NO_ZONES
     estimate_xy_m: Floats | None = None
+    mover_paths: Sequence[Floats] = field(default=(), repr=False)
     route_xy_m: Floats | None = field(default=None, repr=False)
 
     @property
@@ -138,6 +140,8 @@ def _draw(axes: Axes, case: Case, alpha: Callable[[int], float | None]) -> list[
         maps.draw_walls(axes, case.world.walls)
     axes.set(xticks=[], yticks=[])
     maps.draw_obstacles(axes, case.obstacles, alpha=0.7)
+    for path in case.mover_paths:
+        axes.plot(*path.T, color=INK, linewidth=1.0, linestyle=(0, (1, 2)), alpha=0.6)
     for judgment in _JUDGMENTS:
         lines = [line for k, (said, line) in enumerate(case.paths) if said == judgment and k != case.chosen]
         maps.draw_lines(axes, lines, COLORS[judgment], alpha=alpha(len(lines)))

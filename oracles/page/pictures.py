@@ -22,7 +22,14 @@ from vastflow.oracles.figures.charts import (
 from vastflow.oracles.figures.drawing import Drawing
 from vastflow.oracles.judgment.verdict import Judgment
 from vastflow.oracles.page.section import Picture
-from vastflow.oracles.query.scene import Scene, Walks, distinct_obstacles, read_estimate, read_walks
+from vastflow.oracles.query.scene import (
+    Scene,
+    Walks,
+    distinct_obstacles,
+    read_estimate,
+    read_mover_paths,
+    read_walks,
+)
 from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.tables import CODES, JUDGMENTS, Tables
 from vastflow.sim.model.obstacle import Obstacle
@@ -126,7 +133,7 @@ def case_picture(tables: Tables, configuration: int, files: KeptFiles) -> Pictur
     own = verdicts.rows_of(configuration)
     rows = own.start + np.searchsorted(verdicts.run_index[own], walks.run_index)
     paths = [(JUDGMENTS[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
-    figure = _on_map(tables, configuration, files, paths, walks.spawned)
+    figure = _on_map(tables, configuration, files, paths, walks.spawned, int(walks.run_index[0]))
     return picture(f"case-{name}", "", f"Trajectories of {name} on its map", "", figure)
 
 
@@ -138,7 +145,9 @@ def cause_picture(tables: Tables, count: CauseCount, files: KeptFiles) -> Pictur
         return None
     run = int(np.searchsorted(walks.run_index, count.run_index))
     estimate_xy_m = read_estimate(tables.directory, count.configuration, count.run_index)
-    figure = _on_map(tables, configuration, files, [("fail", walks.line(run))], walks.spawned, estimate_xy_m)
+    figure = _on_map(
+        tables, configuration, files, [("fail", walks.line(run))], walks.spawned, count.run_index, estimate_xy_m
+    )
     alt = f"{count.cause}: run {count.run_index} of {count.configuration} on its map, and where the robot took itself to be"
     return picture(f"cause-{count.cause.replace(' ', '-')}", "", alt, "", figure)
 
@@ -165,11 +174,15 @@ def _on_map(
     files: KeptFiles,
     paths: Sequence[tuple[Judgment, NDArray[np.float64]]],
     spawned: Sequence[Obstacle],
+    run_index: int,
     estimate_xy_m: NDArray[np.float64] | None = None,
 ) -> Drawing:
     case = case_of(tables, configuration, files)
     obstacles = distinct_obstacles([*case.obstacles, *spawned])
-    return Drawing(case_figure, replace(case, obstacles=obstacles, paths=paths, estimate_xy_m=estimate_xy_m))
+    name = tables.configurations.names[configuration]
+    movers = read_mover_paths(tables.directory, name, run_index, case.situation.movers)
+    found = replace(case, obstacles=obstacles, paths=paths, estimate_xy_m=estimate_xy_m, mover_paths=movers)
+    return Drawing(case_figure, found)
 
 
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:

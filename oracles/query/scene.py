@@ -112,6 +112,19 @@ def read_estimate(directory: Path, configuration: str, run_index: int) -> NDArra
     return np.column_stack([si(column[index == run_index]) for column in columns.values()])
 
 
+def read_mover_paths(
+    directory: Path, configuration: str, run_index: int, movers: Iterable[str]
+) -> list[NDArray[np.float64]]:
+    """Positions (N, 2) of each mover in a recorded run, in the map frame; none where they were not recorded."""
+    names = [f"mover_{axis}_mm/{mover}" for mover in movers for axis in "xy"]
+    try:
+        index, columns = read_columns(directory / "recordings" / f"{configuration}.parquet", names)
+    except KeyError:  # of a real robot
+        return []
+    along = [si(columns[name][index == run_index]) for name in names]
+    return [np.column_stack(pair) for pair in zip(along[::2], along[1::2], strict=True)]
+
+
 MAX_LINES: Final = 1000
 """Trajectories drawn per judgment and environment, as in the paper."""
 MAX_SCENES: Final = 12

@@ -14,7 +14,15 @@ from vastflow.oracles.figures.charts import factor_figure
 from vastflow.oracles.figures.maps import map_figure, zone_handles
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.query import scene as scenes
-from vastflow.oracles.query.scene import NO_ZONES, Zones, known_extent_m, read_walks, scenes_of, zones_of
+from vastflow.oracles.query.scene import (
+    NO_ZONES,
+    Zones,
+    known_extent_m,
+    read_mover_paths,
+    read_walks,
+    scenes_of,
+    zones_of,
+)
 from vastflow.oracles.results.executed import environment_names
 from vastflow.oracles.results.tables import FAIL, PASS, read_tables
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
@@ -57,6 +65,30 @@ def test_programs_without_a_robot_have_no_walks(tmp_path):
     run = Run(0, "0", "succeeded", 0, "", 1.0, 0.0, 0, 0)
     (tmp_path / "recordings" / "a-1.parquet").write_bytes(write_recordings([Recording(run, {})]))
     assert read_walks(tmp_path, "a-1") is None
+
+
+def test_paths_of_movers_are_those_of_the_run_and_are_drawn_dotted(tmp_path, occupancy):
+    (tmp_path / "recordings").mkdir()
+    recordings = [
+        Recording(
+            Run(k, "0", "succeeded", 0, "", 1.0, 0.0, 0, 0),
+            {
+                name: np.array(column, dtype=np.int32)
+                for name, column in {
+                    "t_ms": [0, 100],
+                    "mover_x_mm/cart": [1000 + k, 2000 + k],
+                    "mover_y_mm/cart": [500, 700],
+                }.items()
+            },
+        )
+        for k in (0, 1)
+    ]
+    (tmp_path / "recordings" / "a-1.parquet").write_bytes(write_recordings(recordings))
+    (path,) = read_mover_paths(tmp_path, "a-1", 1, ["cart"])
+    assert path == pytest.approx(np.array([(1.001, 0.5), (2.001, 0.7)]))
+    assert read_mover_paths(tmp_path, "a-1", 1, ["dog"]) == read_mover_paths(tmp_path, "a-1", 1, []) == []
+    figure = case_figure(Case("", World(occupancy), Situation(None, (), ()), (), (), mover_paths=[path]))
+    assert any(np.array_equal(line.get_xydata(), path) for line in figure.axes[0].lines)
 
 
 def test_scene_has_counts_and_final_poses(directory):
