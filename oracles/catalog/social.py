@@ -29,14 +29,11 @@ def mover_of(track: ObstacleTrack, trace: Trace, contact_s: float) -> str:
     t_ms = np.rint(trace["t_s"] * 1000.0).astype(np.int32)
     row = min(max(int(np.searchsorted(t_ms, contact_s * 1000.0 + 0.5)) - 1, 1), len(t_ms) - 1)
     rows = slice(row - 1, row + 1)
+    step_s = float(np.diff(t_ms[rows])[0]) * 1e-3
     body_m, robot_m = track.at(t_ms[rows]), trace.xy_m[rows]
-    toward_m = body_m[-1] - robot_m[-1]
-    along_mps = [
-        float((at_m[-1] - at_m[0]) @ toward_m)
-        / (hypot(*toward_m.tolist()) or 1.0)
-        / (float(np.diff(t_ms[rows])[0]) * 1e-3)
-        for at_m in (robot_m, body_m)
-    ]
+    x_m, y_m = (body_m[-1] - robot_m[-1]).tolist()
+    steps_m = (np.diff(at_m, axis=0)[0].tolist() for at_m in (robot_m, body_m))
+    along_mps = [(dx_m * x_m + dy_m * y_m) / (hypot(x_m, y_m) or 1.0) / step_s for dx_m, dy_m in steps_m]
     robot, body = along_mps[0] > APPROACHES_MPS, -along_mps[1] > APPROACHES_MPS
     return (BOTH if body else ROBOT) if robot else BODY if body else ""
 

@@ -246,7 +246,8 @@ def encounters(
         closing = np.zeros_like(apart)
         closing[1:] = np.diff(apart, axis=0) / steps_s[:, None]
         a, b, c = (closing * closing).sum(axis=1), (apart * closing).sum(axis=1), (apart * apart).sum(axis=1)
-        c -= (radius_m + track.obstacle.shape.circumradius_m) ** 2
+        touching_m = radius_m + track.obstacle.shape.circumradius_m
+        c -= touching_m * touching_m
         root = np.sqrt(np.maximum(b * b - a * c, 0.0))
         meets = (b < 0.0) & (b * b >= a * c)
         time_s = np.where(c <= 0.0, 0.0, np.where(meets, (-b - root) / np.where(meets, a, 1.0), np.inf))
