@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.model.digest import digest
-from vastflow.sim.model.pose import GridFrame, Pose
+from vastflow.sim.model.pose import GridFrame, Pose, placed, placed_points, seen_from
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Recording, run_row
 from vastflow.sim.model.scenario import Scenario
@@ -19,7 +19,7 @@ from vastflow.sim.nav2.controllers.local_plan import cut_plan
 from vastflow.sim.nav2.controllers.mppi import Mppi
 from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL, UNKNOWN
 from vastflow.sim.nav2.navigator import state
-from vastflow.sim.nav2.navigator.state import Stack
+from vastflow.sim.nav2.navigator.state import Stack, planning_frame
 from vastflow.sim.run import run
 from vastflow.sim.world.motion import wrapped
 from vastflow.sim.world.obstacle_rows import outline_of
@@ -158,12 +158,13 @@ class TickSnapshot:
 def moment_of(stack: Stack, tick: int) -> Moment:
     """Return the moment after tick `tick`, the stack's last."""
     m, frame = stack.m[0], _frame(stack)
+    known = placed(Pose(float(m["x"]), float(m["y"]), float(m["yaw"])), planning_frame(stack))
     following = m["state"] == state.FOLLOWING and m["path_n"] > 0
     return Moment(
         tick=tick,
         activity="resting" if m["status"] == state.RESTING else _ACTIVITIES[int(m["state"])],
         true=frame.pose_to_map(Pose(float(m["true_x"]), float(m["true_y"]), float(m["true_yaw"]))),
-        estimate=frame.pose_to_map(Pose(float(m["x"]), float(m["y"]), float(m["yaw"]))),
+        estimate=frame.pose_to_map(known),
         speed_mps=float(m["true_v"]),
         yaw_rate_radps=float(m["true_w"]),
         stopped=bool(m["stopped"]),
@@ -181,35 +182,39 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box, overview: bool = True) -
     Args:
         overview: False for an empty one, which takes no time.
     """
-    m, p, frame = stack.m[0], stack.p[0], _frame(stack)
-    odom = Pose(float(m["map_odom_x"]), float(m["map_odom_y"]), float(m["map_odom_yaw"]))
+    m, frame, planning = stack.m[0], _frame(stack), planning_frame(stack)
+    odom = placed(Pose(float(m["map_odom_x"]), float(m["map_odom_y"]), float(m["map_odom_yaw"])), planning)
     plan = stack.route.path[int(m["path_i"]) : int(m["path_n"]), :2].copy()
-    place = float(p["origin_x"]), float(p["origin_y"]), float(p["resolution"])
+    x_m, y_m, resolution_m = stack.grids.place.tolist()
+    place = x_m, y_m, resolution_m
     particles = stack.cloud.particles[:, : int(m["particles"])].T
     costs = stack.grids.costs
     corners = frame.points_to_grid(np.array([(x, y) for x in (box.x0, box.x1) for y in (box.y0, box.y1)]))
+    corners = placed_points(corners, seen_from(Pose(0.0, 0.0), planning))
     local = None
     if m["has_local"]:
         x, y, resolution_m = stack.local.window.place.tolist()
-        ((x, y),) = _placed(np.array([[x, y]]), odom).tolist()
+        ((x, y),) = placed_points(np.array([[x, y]]), odom).tolist()
         corner = frame.pose_to_map(Pose(x, y, wrapped(odom.yaw_rad)))
         local = Patch(stack.local.window.costs.copy(), corner, resolution_m)
     return TickSnapshot(
         moment=moment,
-        plan_xy_m=frame.points_to_map(plan),
-        ahead_xy_m=frame.points_to_map(_ahead(stack) if moment.activity == "following" else plan[:0]),
+        plan_xy_m=frame.points_to_map(placed_points(plan, planning)),
+        ahead_xy_m=frame.points_to_map(
+            placed_points(_ahead(stack) if moment.activity == "following" else plan[:0], planning)
+        ),
         intended_xy_m=_intended(stack, moment),
-        scan_xy_m=frame.points_to_map(_placed(_scan(stack), odom)),
+        scan_xy_m=frame.points_to_map(placed_points(_scan(stack), odom)),
         particles=np.column_stack([frame.points_to_map(particles[:, :2]), particles[:, 2] + frame.yaw_rad]),
         robot=stack.robot,
         outline_m=m["outline"][: m["vertices"]].copy(),
         obstacles=[frame.points_to_map(outline_of(row)) for row in stack.obstacles if math.isfinite(row[0])],
-        goals=tuple(frame.pose_to_map(Pose(*goal)) for goal in stack.route.goals.tolist()),
+        goals=tuple(frame.pose_to_map(placed(Pose(*goal), planning)) for goal in stack.route.goals.tolist()),
         global_costs=_in_map(
-            _cut(costs, place, Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())), frame
+            _cut(costs, place, Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())), planning, frame
         ),
         local_costs=local,
-        overview=_in_map(_coarse(costs if overview else costs[:0, :0], place), frame),
+        overview=_in_map(_coarse(costs if overview else costs[:0, :0], place), planning, frame),
     )
 
 
@@ -245,10 +250,10 @@ def published_by(stack: Stack, tick: int) -> Published:
     began_s = m["late_scans"][(scan - 1) % state.LATE_SCANS][1] * TICK_S / state.SUBSTEPS
     # Before the first pose is set the filter places nothing; odometry then still starts where the robot does.
     place = ("map_odom_x", "map_odom_y", "map_odom_yaw") if m["initialized"] else ("x", "y", "yaw")
-    x_m, y_m, yaw_rad = (float(m[name]) for name in place)
+    odom = placed(Pose(*(float(m[name]) for name in place)), planning_frame(stack))
     return Published(
         odometry=Pose(float(m["odom_x"]), float(m["odom_y"]), wrapped(float(m["odom_yaw"]))),
-        map_odom=_frame(stack).pose_to_map(Pose(x_m, y_m, wrapped(yaw_rad))),
+        map_odom=_frame(stack).pose_to_map(replace(odom, yaw_rad=wrapped(odom.yaw_rad))),
         speed_mps=float(m["odom_v"]),
         lateral_mps=float(m["odom_vy"]),
         yaw_rate_radps=float(m["odom_w"]),
@@ -264,15 +269,8 @@ def _frame(stack: Stack) -> GridFrame:
     return GridFrame((float(p["origin_x"]), float(p["origin_y"])), float(p["grid_yaw"]))
 
 
-def _in_map(patch: Patch, frame: GridFrame) -> Patch:
-    return replace(patch, corner=frame.pose_to_map(patch.corner))
-
-
-def _placed(xy_m: NDArray[np.float64], frame: Pose) -> NDArray[np.float64]:
-    """Return points (N, 2) of a frame in the frame of its pose `frame`."""
-    c, s = np.cos(frame.yaw_rad), np.sin(frame.yaw_rad)
-    placed: NDArray[np.float64] = xy_m @ np.array([[c, s], [-s, c]]) + (frame.x_m, frame.y_m)
-    return placed
+def _in_map(patch: Patch, planning: Pose, frame: GridFrame) -> Patch:
+    return replace(patch, corner=frame.pose_to_map(placed(patch.corner, planning)))
 
 
 def _scan(stack: Stack) -> NDArray[np.float64]:
@@ -280,7 +278,7 @@ def _scan(stack: Stack) -> NDArray[np.float64]:
     ranges, directions = m["ranges"][: m["beams"]], m["directions"][: m["beams"]]
     returned = (ranges >= p["range_min"]) & (ranges < p["range_max"])
     points = (p["mount_x"], p["mount_y"]) + ranges[returned, None] * directions[returned]
-    return _placed(points, Pose(float(m["scan_odom_x"]), float(m["scan_odom_y"]), float(m["scan_odom_yaw"])))
+    return placed_points(points, Pose(float(m["scan_odom_x"]), float(m["scan_odom_y"]), float(m["scan_odom_yaw"])))
 
 
 def _ahead(stack: Stack) -> NDArray[np.float64]:

@@ -37,7 +37,7 @@ from vastflow.producers.model.producer import (
     may_list_obstacles,
 )
 from vastflow.producers.places.ground import GROUND, MAP_FILE_KEYS, MapSearch
-from vastflow.producers.places.start_check import pose_complaints, room_m, stops_of
+from vastflow.producers.places.start_check import is_beyond, pose_complaints, room_m, stops_of
 from vastflow.producers.places.stops import GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Complaint, Fault, FileError, Got, Place, Problem
@@ -56,7 +56,7 @@ from vastflow.sim.system.system import system_of
 from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, world_files
 from vastflow.sim.world.readers.own import world_value
 from vastflow.sim.world.readers.reader import MissingWorld
-from vastflow.sim.world.world import free_unknown_cells, read_grid
+from vastflow.sim.world.world import free_unknown_cells, read_world
 
 OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")
 
@@ -141,7 +141,7 @@ class FamilyReader:
             self._note_unread(flow, tags, good, self._abstract, whole=whole)
         unknown = self._document.value(location).keys() - FamilySpec.model_fields.keys()
         if whole and all(map(is_tolerated_in_family, unknown)):  # what could not be read may write anything
-            self._check_flow(flow, constraints)
+            self._check_flow(flow, constraints, good)
         given = {key: tag for key, tag in tags.items() if tag != DIMENSION_OF_KEY.get(key, "system")}
         producers = tuple(link.producer for link in links)
         design = (*location, "design")
@@ -170,9 +170,12 @@ class FamilyReader:
             self.faults += constraint_faults(family, refuse_empty=self._refuse_empty)
         return family
 
-    def _check_flow(self, flow: DataFlow, constraints: Sequence[Constraint]) -> None:
+    def _check_flow(self, flow: DataFlow, constraints: Sequence[Constraint], system: Mapping[str, Value]) -> None:
         self.faults += flow.faults()
-        self.faults += flow.mission_faults(self._abstract) if self._abstract else ()
+        needs_map = True
+        with suppress(FileError):  # said already
+            needs_map = system_of(system).needs_map
+        self.faults += flow.mission_faults(self._abstract, needs_map=needs_map) if self._abstract else ()
         for constraint in constraints:
             self.faults += unknown_names(self._document, constraint, {*self._system, *flow.written})
 
@@ -189,13 +192,15 @@ class FamilyReader:
         if file is None or any(key in producer.writes for producer in drawn):
             return
         kept = {key: value for key, value in fixed.values.items() if key not in written}
-        stops = dict(stops_of(replace(fixed, values=kept)))
+        world = read_world(file)
+        known = stops_of(replace(fixed, values=kept))
+        stops = {name: pose for name, pose in known if not is_beyond(world, name, pose)}
         radius_m = 0.0
         if not any(is_of_footprint(key) for producer in drawn for key in producer.writes):
             with suppress(FileError):  # said already
                 driven = system_of(system)
                 radius_m = min(driven.inscribed_radius_m, driven.robot.radius_m)
-        for name, what, right in pose_complaints(read_grid(file), stops, radius_m) if stops else ():
+        for name, what, right in pose_complaints(world.ground, stops, radius_m) if stops else ():
             key, _, index = name.rstrip("]").partition("[")
             where = (*flow.fixed[key], *([int(index)] if index else []))
             if start_check == "none":

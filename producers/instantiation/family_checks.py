@@ -56,9 +56,15 @@ class DataFlow:
             available |= set(link.producer.writes)
             yield from self._references(link.location, available | set(link.producer.needs))
 
-    def mission_faults(self, abstract: AbstractScenario) -> Iterator[Fault]:
-        """Keys that the abstract scenario needs and nothing writes."""
+    def mission_faults(self, abstract: AbstractScenario, *, needs_map: bool = True) -> Iterator[Fault]:
+        """Keys that the abstract scenario needs and nothing writes.
+
+        Args:
+            needs_map: Whether the robot drives on a map, and not in a world alone.
+        """
         written = self.written
+        if WORLD_KEY in written and not needs_map:
+            written = {*written, MAP_KEY}
         if abstract.goal_keys(written):
             written = {*written, GOAL_KEY}
         missing = list(dict.fromkeys(" or ".join(group) for group in abstract.needed if written.isdisjoint(group)))

@@ -35,7 +35,7 @@ from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Texts, Value
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.scenario import Dimension, ProcessSetup, scenario_of
-from vastflow.sim.world.environment import MAP_KEY
+from vastflow.sim.world.environment import GROUND_KEYS
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +67,9 @@ class Family:
 
     @property
     def drives(self) -> bool:
-        """Whether a robot may drive in its configurations: without a map nothing does."""
-        return any(MAP_KEY in keys for keys in (self.values, self.overrides, *(each.writes for each in self.producers)))
+        """Whether a robot may drive in its configurations: without a map or a world nothing does."""
+        written = {*self.values, *self.overrides, *(key for each in self.producers for key in each.writes)}
+        return not written.isdisjoint(GROUND_KEYS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,6 +87,8 @@ class StartCheck:
     ) -> str | None:
         walls = world.walls
         for key, pose in stops.items():
+            if is_beyond(world, key, pose):
+                continue
             if not walls.contains(*walls.cell_of(pose.x_m, pose.y_m)):
                 x0, y0, x1, y1 = world.bounds_m
                 ground = "the map" if world.map else f"the world, from ({x0:g}, {y0:g}) to ({x1:g}, {y1:g})"
@@ -173,6 +175,12 @@ def _standing(partial: Partial) -> Iterator[Obstacle]:
         if "spawn_trigger" not in entry:
             with suppress(ValueError):
                 yield obstacle_of(entry, where)
+
+
+def is_beyond(world: World, key: str, pose: Pose) -> bool:
+    """Whether a goal lies beyond the bodies of a world without a map, where nothing stands."""
+    is_open = world.map is None and world.bodies is not None
+    return is_open and key != START_KEY and not world.walls.contains(*world.walls.cell_of(pose.x_m, pose.y_m))
 
 
 def pose_complaints(

@@ -9,12 +9,12 @@ import numpy as np
 from vastflow.sim.kernels.streams import streams_of
 from vastflow.sim.model.elementary import cos_sin
 from vastflow.sim.model.obstacle import Obstacle
-from vastflow.sim.model.pose import GridFrame, Pose
+from vastflow.sim.model.pose import GridFrame, Pose, placed
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Event
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator.prepared import PreparedMap
-from vastflow.sim.nav2.navigator.state import ROW_TICKS, SUBSTEPS, give, new_stack, set_pose
+from vastflow.sim.nav2.navigator.state import ROW_TICKS, SUBSTEPS, give, new_stack, planning_frame, set_pose
 from vastflow.sim.nav2.navigator.tick import APPEARS, PHYSICS, advance, conclude, halt, start
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.motion import FREE, MOVING, Body
@@ -28,6 +28,8 @@ from vastflow.sim.world.social_force import Walls
 
 class ClosedLoop:
     """A robot in its world; it rests until it is localized and has a mission.
+
+    Without a map it is localized from its first mission on.
 
     Kernels run tick after tick while the robot moves freely; they return for the physics engine where bodies may touch and where an
     obstacle appears. Arguments and events are in the map's frame, `stack`, `body`, and `obstacles` in that of its grid (`frame`).
@@ -129,7 +131,8 @@ class ClosedLoop:
     @property
     def estimate(self) -> Pose:
         m = self.stack.m[0]
-        return self.frame.pose_to_map(Pose(float(m["x"]), float(m["y"]), float(m["yaw"])))
+        known = Pose(float(m["x"]), float(m["y"]), float(m["yaw"]))
+        return self.frame.pose_to_map(placed(known, planning_frame(self.stack)))
 
     @property
     def events(self) -> Sequence[Event]:
@@ -137,11 +140,13 @@ class ClosedLoop:
         return [_in_map(event, self.frame) for event in self._physics.events] if self._physics else ()
 
     def localize(self, pose: Pose) -> None:
-        """Give AMCL an initial pose; the stack is active from the next tick on."""
+        """Give AMCL an initial pose; the stack is active from the next tick on, see `set_pose`."""
         set_pose(self.stack, self.frame.pose_to_grid(pose))
 
     def navigate(self, mission: Mission) -> None:
         self.cancel()
+        if self.stack.p[0]["without_map"] and not self.placed:
+            self.localize(self.true_pose)
         if self.sent_s is None:
             self.sent_s = self.now_s
         goals = tuple(self.frame.pose_to_grid(goal) for goal in mission.goals)

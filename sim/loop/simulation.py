@@ -41,7 +41,8 @@ class Simulation(ClosedLoop):
         return Pose(float(m["odom_x"]), float(m["odom_y"]), float(m["odom_yaw"]))
 
     def localize(self, pose: Pose) -> None:
-        self.told.append(("amcl", f"Setting pose: {pose.x_m:.3f} {pose.y_m:.3f} {pose.yaw_rad:.3f}"))
+        if not self.stack.p[0]["without_map"]:
+            self.told.append(("amcl", f"Setting pose: {pose.x_m:.3f} {pose.y_m:.3f} {pose.yaw_rad:.3f}"))
         super().localize(pose)
 
     def order(self, mission: Mission) -> "Order":

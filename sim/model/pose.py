@@ -29,6 +29,26 @@ class Pose:
         return {"position": {"x": self.x_m, "y": self.y_m}, "orientation": {"yaw": self.yaw_rad}}
 
 
+def placed(pose: Pose, frame: Pose) -> Pose:
+    """Return a pose of a frame as it is seen where the frame's own pose is seen."""
+    c, s = cos_sin(frame.yaw_rad)
+    x_m, y_m = frame.x_m + c * pose.x_m - s * pose.y_m, frame.y_m + s * pose.x_m + c * pose.y_m
+    return Pose(x_m, y_m, frame.yaw_rad + pose.yaw_rad)
+
+
+def seen_from(pose: Pose, frame: Pose) -> Pose:
+    """Return a pose in a frame whose own pose is given in the same frame as the pose."""
+    x_m, y_m = pose.x_m - frame.x_m, pose.y_m - frame.y_m
+    c, s = cos_sin(frame.yaw_rad)
+    return Pose(c * x_m + s * y_m, c * y_m - s * x_m, pose.yaw_rad - frame.yaw_rad)
+
+
+def placed_points(xy_m: NDArray[np.float64], frame: Pose) -> NDArray[np.float64]:
+    """Return points (N, 2) of a frame as they are seen where its pose is seen."""
+    (c, s), (x, y) = cos_sin(frame.yaw_rad), xy_m.T
+    return np.column_stack([frame.x_m + (c * x - s * y), frame.y_m + (s * x + c * y)])
+
+
 def pose_of(value: Value, where: str = "pose") -> Pose:
     """Read `{position: {x, y}, orientation: {yaw}}` or the short `{x, y, yaw}`; a missing yaw is 0.
 

@@ -10,7 +10,7 @@ from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.model.elementary import cos_sin, hypot
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.nodes import HOST_LATE, MESSAGES, Nodes
-from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.pose import Pose, placed
 from vastflow.sim.model.rates import TICK_S, ticks_of
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator.state import ABORTED, EVENT_GOAL_REACHED, MAX_EVENTS, RESTING, RUNNING, SUCCEEDED
@@ -255,7 +255,7 @@ class DrivenSimulation(Simulation):
         if self._nodes.localization == "ideal":
             pose = self.true_pose
         elif (offset := answer["map_odom"]) is not None:
-            pose = _joined(Pose(*offset), self.odometry)
+            pose = placed(self.odometry, Pose(*offset))
         elif answer["estimate"] is not None:
             pose = Pose(*answer["estimate"])
         else:
@@ -309,12 +309,3 @@ class DrivenSimulation(Simulation):
 
 def _numbers(pose: Pose) -> list[float]:
     return [pose.x_m, pose.y_m, pose.yaw_rad]
-
-
-def _joined(outer: Pose, inner: Pose) -> Pose:
-    c, s = cos_sin(outer.yaw_rad)
-    return Pose(
-        outer.x_m + c * inner.x_m - s * inner.y_m,
-        outer.y_m + s * inner.x_m + c * inner.y_m,
-        outer.yaw_rad + inner.yaw_rad,
-    )

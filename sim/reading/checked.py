@@ -27,7 +27,7 @@ from vastflow.sim.system.keys import RECORDING_KEY
 from vastflow.sim.system.robot import RobotParameters
 from vastflow.sim.system.system import NO_MASKS, Masks
 from vastflow.sim.world.difference import WorldDifference
-from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, difference_of, world_file_of
+from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, difference_of, world_file_of, world_files
 from vastflow.sim.world.mover import MovingBody
 from vastflow.sim.world.robot_model import Lidar, Robot
 
@@ -46,7 +46,8 @@ class RobotSetup:
         lidar: Its laser scanner.
         difference: Difference of the world from the map; None without one.
         masks: Masks of the costmaps' filters.
-        world_file: File that the world is read from; None where that is the map.
+        map_file: File of the map, or of the world for a robot without one.
+        world_file: File that the world is read from; None where that is `map_file`.
         movers: Bodies that move.
     """
 
@@ -150,15 +151,16 @@ def _checked_digest(scenario: Scenario) -> str:
 def _robot(scenario: Scenario, script: Script) -> RobotSetup:
     if script.start is None:
         raise ScenarioError("start_pose: expected a start_pose or init_nav2, got neither")
-    content = scenario.environment.get(MAP_KEY)
-    if not isinstance(content, FileContent):
-        raise ScenarioError(f"{MAP_KEY}: expected a map file that the campaign names, got {content!r}")
-    parameters = parameters_of(scenario.system)
+    parameters, files = parameters_of(scenario.system), world_files(scenario.environment)
+    content = files.get(MAP_KEY, files.get(WORLD_KEY) if parameters.global_costmap.in_odom else None)
+    if content is None:
+        found = scenario.environment.get(MAP_KEY)
+        raise ScenarioError(f"{MAP_KEY}: expected a map file that the campaign names, got {found!r}")
     masks = masks_of(scenario.system, parameters)
     robot, lidar = robot_of(parameters), lidar_of(parameters)
     if parameters.robot != _NOT_DESCRIBED:  # what is described is in the robot and the scanner
         parameters = parameters.model_copy(update={"robot": _NOT_DESCRIBED})
-    world, movers = scenario.environment.get(WORLD_KEY), movers_of(scenario.environment)
+    world, movers = scenario.environment.get(WORLD_KEY) if MAP_KEY in files else None, movers_of(scenario.environment)
     if both := {body.name for body in movers} & {obstacle.name for obstacle in script.obstacles}:
         raise ScenarioError(f"{MOVERS_KEY}: expected names that no obstacle has, got {min(both)!r}")
     return RobotSetup(

@@ -77,6 +77,10 @@ class System(Protocol):
         """(V, 2) vertices in the robot's frame (m) of the area that must be free where it starts."""
 
     @property
+    def needs_map(self) -> bool:
+        """Whether it drives on a map that it is given."""
+
+    @property
     def masks(self) -> Masks:
         """The masks that it names for its filters; raises `ScenarioError` for a filter without one."""
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.checked import checked_digest
-from vastflow.sim.world.environment import MAP_KEY
+from vastflow.sim.world.environment import GROUND_KEYS
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.artifact import Block, Stored
 from vastflow.tasks.store.store import Artifact, Store
@@ -34,8 +34,8 @@ class ConfigurationRuns:
 
     @property
     def drives(self) -> bool:
-        """True if a robot drives in it, which takes compiled kernels: without a map nothing does."""
-        return MAP_KEY in self.scenario.environment
+        """True if a robot drives in it, which takes compiled kernels: without a map or a world nothing does."""
+        return not self.scenario.environment.keys().isdisjoint(GROUND_KEYS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from vastflow.sim.nav2.costmaps.costmap import (
     remove_small_groups,
     roll,
 )
-from vastflow.sim.nav2.costmaps.inflation import cost_stamp, inflate, inflation_of
+from vastflow.sim.nav2.costmaps.inflation import UNKNOWN, cost_stamp, inflate, inflation_of
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameters.costmap import DenoiseLayer, ObstacleLayer
@@ -36,8 +36,8 @@ GLOBAL, LOCAL = 0, 2
 
 
 @njit
-def rolled(layer, shift_columns, shift_rows):
-    roll(layer, np.empty_like(layer), shift_columns, shift_rows)
+def rolled(layer, shift_columns, shift_rows, entering):
+    roll(layer, np.empty_like(layer), shift_columns, shift_rows, entering)
 
 
 @njit
@@ -151,12 +151,13 @@ def test_cleared_line_is_connected_and_ends_where_it_should(col0, row0, col1, ro
     arrays(np.uint8, (12, 15), elements=st.sampled_from([UNSEEN, SEEN_FREE, MARKED])),
     st.integers(-17, 17),
     st.integers(-17, 17),
+    st.sampled_from([UNSEEN, UNKNOWN]),
 )
 @settings(deadline=None)
-def test_rolled_window_keeps_overlap_and_clears_rest(layer, shift_columns, shift_rows):
+def test_rolled_window_keeps_overlap_and_fills_rest(layer, shift_columns, shift_rows, entering):
     before = layer.copy()
-    rolled(layer, shift_columns, shift_rows)
-    wide = np.pad(before, 17, constant_values=UNSEEN)
+    rolled(layer, shift_columns, shift_rows, entering)
+    wide = np.pad(before, 17, constant_values=entering)
     np.testing.assert_array_equal(layer, wide[17 + shift_rows :, 17 + shift_columns :][:12, :15])
 
 

@@ -10,7 +10,14 @@ from vastflow.sim.model.parameter import ParameterGroup, range_of
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.costmaps import OF_THE_MAP, OF_THE_WINDOW
 from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
-from vastflow.sim.nav2.parameters.costmap import Costmap, DenoiseLayer, KeepoutFilter, SpeedFilter, global_costmap
+from vastflow.sim.nav2.parameters.costmap import (
+    Costmap,
+    DenoiseLayer,
+    KeepoutFilter,
+    SpeedFilter,
+    StaticLayer,
+    global_costmap,
+)
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
 from vastflow.sim.nav2.parameters.rpp import RppParameters
@@ -39,9 +46,14 @@ def varied(draw, default):
     if isinstance(default, MppiParameters) and values["CostCritic"].enabled:
         values["ObstaclesCritic"] = default.ObstaclesCritic.with_values(enabled=False)
     if isinstance(default, Costmap) and default.track_unknown_space:  # the global one
-        values = {name: value for name, value in values.items() if name not in OF_THE_MAP}
+        values |= {"in_odom": False, "publish_frequency": default.publish_frequency}
+        if values.setdefault("sized_by_map", True):
+            values = {name: value for name, value in values.items() if name not in OF_THE_MAP}
+        else:
+            values |= {"static_layer": StaticLayer(enabled=False), "width": 20, "height": 30}
     elif isinstance(default, Costmap):
-        values = {name: value for name, value in values.items() if name not in OF_THE_WINDOW}
+        given = ("in_odom", "sized_by_map", *OF_THE_WINDOW)
+        values = {name: value for name, value in values.items() if name not in given}
     return default.with_values(**values)
 
 

@@ -11,7 +11,7 @@ from vastflow.flows.export.mcap.bag import Bag
 from vastflow.flows.export.mcap.topics import BASE, LASER, MAP, ODOM, TRUE_BASE
 from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack
 from vastflow.sim.loop.event_words import event_words
-from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.pose import Pose, seen_from
 from vastflow.sim.model.recording import Event
 from vastflow.sim.model.shape import Disc
 from vastflow.sim.replay import Moment, Patch, Published, TickSnapshot
@@ -170,7 +170,7 @@ class RunBag(Bag):
             cloud = [{"pose": _pose(Pose(*each)), "weight": 1.0 / len(particles)} for each in particles]
             self.add("/particle_cloud", t_ns, header=header, particles=cloud)
         if has_local and (patch := snapshot.local_costs) is not None:
-            corner, robot = (_seen_from(told.map_odom, each) for each in (patch.corner, moment.estimate))
+            corner, robot = (seen_from(each, told.map_odom) for each in (patch.corner, moment.estimate))
             self.add("/local_costmap/costmap", t_ns, **_costmap(t_ns, ODOM, patch, corner))
             c, s = math.cos(robot.yaw_rad), math.sin(robot.yaw_rad)
             outline = snapshot.outline_m @ np.array([[c, s], [-s, c]]) + (robot.x_m, robot.y_m)
@@ -292,10 +292,3 @@ def _grid(t_ns: int, frame: str, cells: NDArray[np.int8], resolution_m: float, c
     info = {"resolution": resolution_m, "width": columns, "height": rows, "origin": _pose(corner)}
     data = np.ascontiguousarray(cells, dtype=np.int8).ravel()
     return {"header": _header(t_ns, frame), "info": info, "data": data}
-
-
-def _seen_from(frame: Pose, pose: Pose) -> Pose:
-    """Return a pose in a frame whose own pose is given in the same frame as the pose."""
-    x_m, y_m = pose.x_m - frame.x_m, pose.y_m - frame.y_m
-    c, s = math.cos(frame.yaw_rad), math.sin(frame.yaw_rad)
-    return Pose(c * x_m + s * y_m, c * y_m - s * x_m, pose.yaw_rad - frame.yaw_rad)

@@ -147,15 +147,15 @@ def _extend(lowest: Any, highest: Any, column: int, row: int, end_column: int, e
 
 
 @inner
-def roll(layer: Any, scratch: Any, shift_columns: int, shift_rows: int) -> None:
-    """Move a rolling window by whole cells; what enters is UNSEEN."""
+def roll(layer: Any, scratch: Any, shift_columns: int, shift_rows: int, entering: int) -> None:
+    """Move a rolling window by whole cells; those that enter get the value `entering`."""
     rows, columns = layer.shape
     for r in range(rows):
         for c in range(columns):
             from_r, from_c = r + shift_rows, c + shift_columns
             inside = from_r >= 0 and from_c >= 0 and from_r < rows and from_c < columns
             # By a copy: in place, the direction of the loops would depend on that of the shift.
-            scratch[r, c] = layer[from_r, from_c] if inside else UNSEEN
+            scratch[r, c] = layer[from_r, from_c] if inside else entering
     for r in range(rows):
         for c in range(columns):
             layer[r, c] = scratch[r, c]

@@ -7,8 +7,6 @@ the round of clear, spin, wait and back up, six times a goal at the most.
 import math
 from typing import Any, Final
 
-import numpy as np
-
 from vastflow.sim.kernels.binding import Bound
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.model.rates import TICK_S
@@ -197,12 +195,11 @@ def plan(p: Any, m: Any, g: Grids, route: Route) -> int:
         last = route.goals.shape[0] - 1
         while m.goal < last and math.hypot(route.goals[m.goal, 0] - m.x, route.goals[m.goal, 1] - m.y) <= PASSED_M:
             m.goal += 1
-    place = np.array([p.origin_x, p.origin_y, p.resolution])
-    column, row = cell(place, m.x, m.y)
+    column, row = cell(g.place, m.x, m.y)
     if not on_map(g.costs, column, row):
         return START_OUTSIDE
     for k in range(m.goal, last + 1):
-        goal_column, goal_row = cell(place, route.goals[k, 0], route.goals[k, 1])
+        goal_column, goal_row = cell(g.place, route.goals[k, 0], route.goals[k, 1])
         if not on_map(g.costs, goal_column, goal_row):
             return GOAL_OUTSIDE
     planned, start = 0, (m.x, m.y, m.yaw)
@@ -213,7 +210,7 @@ def plan(p: Any, m: Any, g: Grids, route: Route) -> int:
         first = max(planned - int(p.leg_overlap), 0)
         # Only a path through several goals has several legs.
         leg = k if p.mission == state.NAVIGATE_THROUGH_POSES else 0
-        given = PlannerInput(g.costs, place, m.outline[: m.vertices], start, goal, route.draft[first:], leg, changed)
+        given = PlannerInput(g.costs, g.place, m.outline[: m.vertices], start, goal, route.draft[first:], leg, changed)
         n = compute_path(route.planner, given)
         if n < 0:
             return -n

@@ -1,4 +1,4 @@
-"""Costmap updates: the rolling window in the odom frame, and the global map."""
+"""Costmap updates: the local costmap in the odom frame, and the global one, on the map or in a window."""
 
 import math
 from typing import Any
@@ -15,7 +15,7 @@ from vastflow.sim.nav2.costmaps.costmap import (
     roll,
 )
 from vastflow.sim.nav2.costmaps.filters import NOTHING, keep_out, keep_out_of_window, override_at
-from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, stamp_lethal
+from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, UNKNOWN, stamp_lethal
 from vastflow.sim.nav2.navigator.state import Grids, Local
 
 
@@ -25,13 +25,15 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
     q = p.local_costmap
     resolution = q.resolution
     rows, columns = local.layer.shape
-    column = math.floor(m.odom_x / resolution) - columns // 2
-    row = math.floor(m.odom_y / resolution) - rows // 2
-    if m.has_local == 1 and (column != m.local_column or row != m.local_row):
-        roll(local.layer, local.scratch, column - m.local_column, row - m.local_row)
-    m.local_column, m.local_row, m.has_local, m.local_current = column, row, 1, 1
     place = local.window.place
-    place[0], place[1] = column * resolution, row * resolution
+    if q.rolling_window:
+        column = math.floor(m.odom_x / resolution) - columns // 2
+        row = math.floor(m.odom_y / resolution) - rows // 2
+        if m.has_local == 1 and (column != m.local_column or row != m.local_row):
+            roll(local.layer, local.scratch, column - m.local_column, row - m.local_row, UNSEEN)
+        m.local_column, m.local_row = column, row
+        place[0], place[1] = column * resolution, row * resolution
+    m.has_local, m.local_current = 1, 1
     if q.obstacle_layer.enabled:
         taken_at = (m.scan_odom_x, m.scan_odom_y, m.scan_odom_yaw)
         _observe(p, m, q.obstacle_layer, local.layer, (place[0], place[1], resolution), taken_at)
@@ -92,20 +94,36 @@ def update_global(p: Any, m: Any, g: Grids) -> None:
     The scan lies where it was taken by the estimate.
     """
     q = p.global_costmap
-    m.global_current = 1
+    m.global_current, m.has_global = 1, 1
+    if q.rolling_window:
+        _roll_global(m, g, UNKNOWN if q.track_unknown_space else FREE)
     if q.obstacle_layer.enabled == 0:
         return
-    column = math.floor((m.x - p.origin_x) / p.resolution)
-    row = math.floor((m.y - p.origin_y) / p.resolution)
+    place = (g.place[0], g.place[1], g.place[2])
+    column = math.floor((m.x - place[0]) / place[2])
+    row = math.floor((m.y - place[1]) / place[2])
     c, sn = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
     x = m.map_odom_x + c * m.scan_odom_x - sn * m.scan_odom_y
     y = m.map_odom_y + sn * m.scan_odom_x + c * m.scan_odom_y
-    place = (p.origin_x, p.origin_y, p.resolution)
     _observe(p, m, q.obstacle_layer, g.layer, place, (x, y, m.map_odom_yaw + m.scan_odom_yaw))
     if q.obstacle_layer.footprint_clearing_enabled:
         clear_polygon(g.layer, place, m.outline[: m.vertices], m.x, m.y, m.yaw)
     reach_m = max(q.obstacle_layer.raytrace_max_range, q.obstacle_layer.obstacle_max_range) + 0.1
-    _merge(p, m, g, column, row, math.ceil(reach_m / p.resolution) + g.stamp.shape[0] // 2)
+    _merge(p, m, g, column, row, math.ceil(reach_m / place[2]) + g.stamp.shape[0] // 2)
+
+
+@inner
+def _roll_global(m: Any, g: Grids, entering: int) -> None:
+    """Move the window to the robot, as Nav2's `updateOrigin` rounds it: what stays in it keeps marks and costs."""
+    place, (rows, columns) = g.place, g.layer.shape
+    shift_columns = int((m.x - 0.5 * (columns - 0.5) * place[2] - place[0]) / place[2])
+    shift_rows = int((m.y - 0.5 * (rows - 0.5) * place[2] - place[1]) / place[2])
+    if shift_columns != 0 or shift_rows != 0:
+        roll(g.layer, g.scratch, shift_columns, shift_rows, UNSEEN)
+        roll(g.costs, g.scratch, shift_columns, shift_rows, entering)
+        place[0] += shift_columns * place[2]
+        place[1] += shift_rows * place[2]
+        m.changed_row0, m.changed_row1, m.changed_column0, m.changed_column1 = 0, rows, 0, columns
 
 
 @inner
@@ -134,8 +152,8 @@ def _merge(p: Any, m: Any, g: Grids, column: int, row: int, reach: int) -> None:
     override = NOTHING
     if g.keepout.shape[0] > 0:
         own_row, own_column = (
-            math.floor((m.y - p.origin_y) / p.resolution),
-            math.floor((m.x - p.origin_x) / p.resolution),
+            math.floor((m.y - g.place[1]) / g.place[2]),
+            math.floor((m.x - g.place[0]) / g.place[2]),
         )
         if 0 <= own_row < g.keepout.shape[0] and 0 <= own_column < g.keepout.shape[1]:
             override = override_at(p.global_costmap.keepout_filter, g.keepout[own_row, own_column])

@@ -57,6 +57,7 @@ def parameter_record(
         "max_yaw_acceleration": robot.max_yaw_acceleration_radps2,
         "min_turning_radius": robot.min_turning_radius_m,
         "is_omni": float(robot.drive == "omni"),
+        "without_map": parameters.global_costmap.in_odom,
         "mission": 0,
         "leg_overlap": leg_overlap,
         "loops": 0,

@@ -22,6 +22,7 @@ from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners.binding import prepared as planner_prepared
 from vastflow.sim.nav2.planners.planner import Planner, PlannerSetting
 from vastflow.sim.world.bodies import Body, outlines_of
+from vastflow.sim.world.occupancy import UNKNOWN as UNSEEN
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import WallIndex
 from vastflow.sim.world.robot_model import Lidar
@@ -36,11 +37,11 @@ class PreparedMap:
     """Read-only tables of one map; runs copy the parts that they change.
 
     Attributes:
-        occupancy: Map that the robot knows; the walls where it has none.
+        occupancy: Map that the robot knows; the walls where it has none. Its grid's frame is that of all poses.
         world: The walls as they stand.
         skips: Skip table of the world's walls, which the lidar casts against.
         cubed: AMCL's likelihood field.
-        static: (H, W) uint8 of 0, 254, 255: the static layer.
+        static: (H, W) uint8 of 0, 254, 255: the static layer; without one what its window has before any scan.
         static_costs: (H, W) uint8 inflation of its lethal cells; the costs are that with its unknown cells.
         stamp, local_stamp: Inflation round one cell of the global and of the local costmap.
         keepout: (H, W) uint8, the keepout mask on the global costmap, which is in its costs; (0, 0) without that filter.
@@ -80,14 +81,30 @@ def prepare(
     occupancy = world.ground
     geometry = (_geometry if world.walls is occupancy else _other_geometry)(world.walls, world.bodies or ())
     range_max_m = usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1]
-    cubed = _likelihood(occupancy, range_max_m, q.z_hit, q.z_rand, q.sigma_hit, q.laser_likelihood_max_dist)
     local, everywhere = parameters.local_costmap, parameters.global_costmap
+    known = _nothing() if everywhere.in_odom else occupancy
+    cubed = _likelihood(known, range_max_m, q.z_hit, q.z_rand, q.sigma_hit, q.laser_likelihood_max_dist)
     mask = keepout if everywhere.keepout_filter.enabled else None
-    tables = _costs(occupancy, everywhere, mask)[:4]
-    planning = _planning(occupancy, everywhere, mask, with_kernels(parameters.planner))
+    grid = occupancy if everywhere.sized_by_map else _window(everywhere)
+    tables = _costs(grid, everywhere, mask)[:4]
+    planning = _planning(grid, everywhere, mask, with_kernels(parameters.planner))
     local_keepout = keepout_mask(keepout if local.keepout_filter.enabled else None, occupancy)
     local_stamp = _stamp(local, local.resolution)
     return PreparedMap(occupancy, *geometry, cubed, *tables, planning, local_stamp, local_keepout, speed)
+
+
+@functools.cache
+def _nothing() -> OccupancyMap:
+    """Return a map of one cell, which stands for none."""
+    return OccupancyMap(np.zeros((1, 1), dtype=np.int8), 1.0, (0.0, 0.0))
+
+
+@functools.lru_cache(maxsize=CACHED_MAPS)
+def _window(costmap: Costmap) -> OccupancyMap:
+    """Return the grid of a global costmap without a static layer, of which nothing is known."""
+    shape = int(costmap.height / costmap.resolution), int(costmap.width / costmap.resolution)
+    cells = np.full(shape, UNSEEN, dtype=np.int8)
+    return OccupancyMap(cells, costmap.resolution, (costmap.origin_x, costmap.origin_y))
 
 
 @functools.lru_cache(maxsize=CACHED_MAPS)
@@ -118,7 +135,9 @@ def _costs(
     occupancy: OccupancyMap, costmap: Costmap, mask: OccupancyMap | None
 ) -> tuple[Cells, Cells, Cells, Cells, Cells, Cells]:
     static = np.full(occupancy.shape, FREE, dtype=np.uint8)
-    if costmap.static_layer.enabled:  # trinary: what is neither occupied nor unknown is free
+    if (
+        costmap.static_layer.enabled or not costmap.sized_by_map
+    ):  # trinary: what is neither occupied nor unknown is free
         unknown = UNKNOWN if costmap.track_unknown_space else FREE
         static = np.where(occupancy.occupied, LETHAL, np.where(occupancy.cells < 0, unknown, FREE)).astype(np.uint8)
     if costmap.denoise_layer.enabled:

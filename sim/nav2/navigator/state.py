@@ -12,7 +12,7 @@ from vastflow.sim.kernels.binding import Bound, Running
 from vastflow.sim.kernels.streams import CONTROLLER, LIDAR, SUBSYSTEMS
 from vastflow.sim.model.elementary import cos_sin
 from vastflow.sim.model.polygon import MOST_VERTICES, circumscribed_radius_m
-from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.pose import Pose, seen_from
 from vastflow.sim.model.rates import TICK_S, ticks_of
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.amcl.particles import Cloud, new_cloud
@@ -95,6 +95,8 @@ _REAL: Final = (
     # Odometry at the last scan and at the last filter update; transform map -> odom; estimate in the map.
     *("scan_odom_x", "scan_odom_y", "scan_odom_yaw", "filter_odom_x", "filter_odom_y", "filter_odom_yaw"),
     *("map_odom_x", "map_odom_y", "map_odom_yaw", "x", "y", "yaw"),
+    # Pose of the frame in which the stack plans, see `planning_frame`.
+    *("planning_x", "planning_y", "planning_yaw"),
     # Covariance that AMCL published last.
     *("pose_xx", "pose_xy", "pose_yy", "pose_aa"),
     # Commands: of controller or behavior, after the smoother, after the collision monitor.
@@ -108,7 +110,7 @@ _REAL: Final = (
 _WHOLE: Final = (
     *("tick", "status", "events", "rows", "vertices", "beams"),
     *("initialized", "localized", "first_scan", "particles", "bins", "filter_updates"),
-    *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
+    *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local", "has_global"),
     *("odometry_step", "scans_taken", "scans_used", "swept", "smoother_step", "pending_step", "busy_step", "cycle_due"),
     *("clear_local", "clear_global", "local_current", "global_current", "overridden", "near", "stopped"),
     *("path_n", "path_i", "path_end"),
@@ -146,9 +148,11 @@ rows of `late_scans` are when a scan arrives (s), the step of its stamp, and odo
 
 
 class Grids(NamedTuple):
-    """The map and the tables derived from it, all (H, W) except for stamp and scratch.
+    """The map, its tables, and the global costmap: all (H, W), but for stamp, place, and scratch.
 
     Attributes:
+        place: (3,) x and y of the global costmap's lower left corner, and its resolution.
+        scratch: That of a window that rolls; (1, 1) without one.
         static, static_costs: Static layer, and the inflation of its lethal cells.
         quiet, lethal: The global obstacle layer after the Denoise layer, and its scratch; (1, 1) without one.
         layer: Global obstacle layer; `costs` the master costmap.
@@ -166,6 +170,8 @@ class Grids(NamedTuple):
     lethal: Any
     costs: Any
     keepout: Any
+    place: Any
+    scratch: Any
     zones: SpeedZones
 
 
@@ -205,7 +211,7 @@ class Route(NamedTuple):
 class Stack:
     """State of a run that its ticks read and write.
 
-    Poses and positions are in the frame of the map's grid; rows are in the map's.
+    Poses and positions are in the frame of the map's grid, those of estimate and plans in `planning_frame`; rows are in the map's.
 
     Attributes:
         p, m: (1,) records of parameters and `MEMORY`.
@@ -244,14 +250,15 @@ def new_stack(
     timeout_s: float,
 ) -> Stack:
     """Return the stack of an unlocalized robot at rest without a mission, see `set_pose` and `give`."""
-    shape = prepared.static.shape
-    denoised_shape = shape if parameters.global_costmap.denoise_layer.enabled else (1, 1)
+    shape, everywhere = prepared.static.shape, parameters.global_costmap
+    denoised_shape = shape if everywhere.denoise_layer.enabled else (1, 1)
     memory = np.zeros(1, dtype=MEMORY)
     m = memory[0]
     m["true_x"], m["true_y"], m["true_yaw"] = start.x_m, start.y_m, start.yaw_rad
     m["x"], m["y"], m["yaw"] = start.x_m, start.y_m, start.yaw_rad
     m["first_scan"], m["local_current"], m["global_current"] = 1, 1, 1
     m["state"], m["status"], m["pending_step"] = ENDED, RESTING, -1
+    m["has_global"] = everywhere.sized_by_map  # Nav2's costmaps update before anything is planned
     m["streams"], m["ranges"], m["beams"] = streams, np.inf, lidar.beams
     m["directions"][: lidar.beams] = lidar.directions()
     outline = outline_of(parameters.local_costmap)
@@ -276,6 +283,8 @@ def new_stack(
             lethal=np.zeros(denoised_shape, dtype=np.uint8),
             costs=prepared.planning.costs.copy(),
             keepout=prepared.keepout,
+            place=np.array([*prepared.planning.origin_xy_m, prepared.planning.resolution_m]),
+            scratch=np.zeros(shape if everywhere.rolling_window else (1, 1), dtype=np.uint8),
             zones=speed_zones(prepared.speed_mask, prepared.occupancy, speed_filter, in_use),
         ),
         local=local,
@@ -296,8 +305,17 @@ def columns_of(robot: Robot) -> tuple[str, ...]:
 
 
 def set_pose(stack: Stack, pose: Pose) -> None:
-    """Set the robot's initial pose; AMCL and the rest of the stack begin there at the next scan."""
+    """Set the robot's initial pose; AMCL and the rest of the stack begin there at the next scan.
+
+    Without a map the pose is nobody's. The stack begins at once, and plans in the frame of odometry, which began where the robot stood.
+    """
     m = stack.m[0]
+    if stack.p[0]["without_map"]:
+        if not m["initialized"]:
+            m["planning_x"], m["planning_y"], m["planning_yaw"] = m["x"], m["y"], m["yaw"]
+            m["x"], m["y"], m["yaw"] = m["odom_x"], m["odom_y"], m["odom_yaw"]
+            m["initialized"], m["first_scan"] = 1, 0
+        return
     m["x"], m["y"], m["yaw"] = pose.x_m, pose.y_m, pose.yaw_rad
     m["map_odom_yaw"] = pose.yaw_rad - m["odom_yaw"]
     c, s = cos_sin(float(m["map_odom_yaw"]))
@@ -306,8 +324,16 @@ def set_pose(stack: Stack, pose: Pose) -> None:
     m["initialized"], m["first_scan"] = 1, 1
 
 
+def planning_frame(stack: Stack) -> Pose:
+    """Return the pose of the frame that estimate, goals, plans, and global costmap are in.
+
+    It is the grid's own, or odometry's without a map.
+    """
+    return Pose(*(float(stack.m[0][f"planning_{axis}"]) for axis in ("x", "y", "yaw")))
+
+
 def give(stack: Stack, mission: Mission) -> Stack:
-    """Return the stack with another mission; it begins after AMCL's first pose."""
+    """Return the stack with another mission, in the frame of the map's grid; it begins after AMCL's first pose."""
     p, m = stack.p[0], stack.m[0]
     p["mission"], p["loops"] = MISSION_KINDS[mission.kind], mission.loops
     m["state"], m["status"], m["error_code"] = STARTING, RUNNING, 0
@@ -318,7 +344,8 @@ def give(stack: Stack, mission: Mission) -> Stack:
         m["changed_row0"], m["changed_row1"], m["changed_column0"], m["changed_column1"] = 0, rows, 0, columns
     if stack.route.goals.size or legs != stack.planning.legs:  # else no mission has used the memory yet
         planner = running_planner(planner.plug_in, replace(stack.planning, legs=legs))
-    return replace(stack, planner=planner, route=_route((rows, columns), mission.goals, legs, planner.bound))
+    goals = [seen_from(goal, planning_frame(stack)) for goal in mission.goals]
+    return replace(stack, planner=planner, route=_route((rows, columns), goals, legs, planner.bound))
 
 
 def _route(shape: tuple[int, ...], goals: Sequence[Pose], legs: int, planner: Bound) -> Route:
@@ -334,7 +361,8 @@ def _local(q: Costmap, stamp: NDArray[np.uint8], keepout: Mask) -> Local:
     layer, scratch, lethal, costs = (np.zeros(shape, dtype=np.uint8) for _ in range(4))
     # Behaviors that get no costmap take everything for a collision.
     published = np.full(shape, LETHAL if q.publish_frequency <= NEVER_HZ else 0, dtype=np.uint8)
-    place = np.array([0.0, 0.0, q.resolution])
+    corner = (0.0, 0.0) if q.rolling_window else (q.origin_x, q.origin_y)
+    place = np.array([*corner, q.resolution])
     return Local(layer, stamp, scratch, lethal, Window(costs, place), Window(published, place.copy()), keepout)
 
 

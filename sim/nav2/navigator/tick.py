@@ -79,7 +79,7 @@ def advance(
         is_new = _sense(p, m, g.skips, body.obstacles, noise)
         while is_new:
             gather_near_points(p, m)
-            if m.initialized == 1:
+            if m.initialized == 1 and p.without_map == 0.0:
                 localize(p, m, g.cubed, cloud)
             is_new = p.late != 0 and _next_scan(m)
         if m.initialized == 1:
@@ -127,7 +127,7 @@ def _navigate(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: 
             limit_speed(g.zones, m.x, m.y)
     if m.tick % p.publish_ticks == m.phase_publish:
         publish_local(local)
-    if m.tick % p.global_ticks == m.phase_global:
+    if m.tick % p.global_ticks == m.phase_global or m.has_global == 0:
         update_global(p, m, g)
         if p.global_costmap.speed_filter.enabled:
             limit_speed(g.zones, m.x, m.y)
@@ -363,7 +363,9 @@ def _record(p: Any, m: Any, rows: Any) -> None:
     row = rows[m.rows]
     row[0] = round(m.tick * TICK_S * 1e3)
     _record_pose(p, row[1:4], m.true_x, m.true_y, wrapped(m.true_yaw))
-    _record_pose(p, row[4:7], m.x, m.y, m.yaw)
+    c, s = math.cos(m.planning_yaw), math.sin(m.planning_yaw)
+    x, y = m.planning_x + (c * m.x - s * m.y), m.planning_y + (s * m.x + c * m.y)
+    _record_pose(p, row[4:7], x, y, m.yaw if m.planning_yaw == 0.0 else wrapped(m.planning_yaw + m.yaw))
     row[7], row[8] = round(m.true_v * 1e3), round(m.true_w * 1e3)
     row[9], row[10] = round(m.command_v * 1e3), round(m.command_w * 1e3)
     row[11], row[12] = round(m.sent_v * 1e3), round(m.sent_w * 1e3)

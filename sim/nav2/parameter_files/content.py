@@ -8,6 +8,7 @@ from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files.command_chain import STAMPED
 from vastflow.sim.nav2.parameter_files.costmaps import is_info_server, is_mask_topic
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, is_wild, node_of
+from vastflow.sim.nav2.parameter_files.frames import FRAME
 from vastflow.sim.nav2.parameter_files.nodes import NODES
 from vastflow.sim.nav2.parameter_files.releases import newer_names
 from vastflow.sim.nav2.parameter_files.trees import NAVIGATOR, is_users_tree
@@ -34,7 +35,8 @@ def content_of(document: ParameterDocument) -> ParameterDocument:
             return False
         if node[-2:-1] == (NAVIGATOR,):
             names, value = newer_names(), document.values[path]
-            return not names.isdisjoint(path) or str(value) in names or is_users_tree(path[-1], value)
+            in_odom = path[-1] == FRAME and str(value).endswith("odom")
+            return in_odom or not names.isdisjoint(path) or str(value) in names or is_users_tree(path[-1], value)
         return is_mask_topic(path) or (path[-1] == STAMPED and is_wild(path))
 
     return replace(document, values={path: value for path, value in document.values.items() if is_content(path)})

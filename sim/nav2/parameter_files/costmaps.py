@@ -10,9 +10,17 @@ from vastflow.sim.model.polygon import points_of, vertices_of
 from vastflow.sim.nav2.controllers.controller import Controller
 from vastflow.sim.nav2.parameter_files.declared import declared_defaults
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
+from vastflow.sim.nav2.parameter_files.frames import frame_of
 from vastflow.sim.nav2.parameter_files.nodes import FILTERS, LAYERS, LAYERS_AND_FILTERS
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, is_group, written, written_plugins
-from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, SpeedFilter, global_costmap, local_costmap
+from vastflow.sim.nav2.parameters.costmap import (
+    Costmap,
+    ObstacleLayer,
+    SpeedFilter,
+    StaticLayer,
+    global_costmap,
+    local_costmap,
+)
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.system.keys import KEEPOUT_KEY, MASK_KEYS, SPEED_KEY
 from vastflow.sim.system.system import Masks
@@ -187,8 +195,11 @@ def check_speed_filter(reader: Reader, parts: Parts) -> None:
         reader.fault(places[0], what, "choose a controller with speed_limits(), or no speed filter")
 
 
-OF_THE_MAP: Final = ("publish_frequency", "width", "height", "resolution")
-"""Parameters of the global costmap that have no effect: it is as large and as fine as the map."""
+OF_THE_MAP: Final = ("width", "height", "resolution", "rolling_window", "origin_x", "origin_y")
+"""Parameters of a global costmap with a static layer that have no effect: it is as large and as fine as the map."""
+
+MOST_CELLS: Final = 25_000_000
+"""Of a global costmap without a map: 250 m × 250 m in cells of 5 cm."""
 
 OF_THE_WINDOW: Final = {"track_unknown_space": False}
 """Parameters of the local costmap that are built in."""
@@ -210,20 +221,21 @@ def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costma
     listed, filters = reader.plugins(node, LAYERS_AND_FILTERS), reader.plugins(node, FILTERS)
     filters = [*(each for each in listed if _is_filter(each)), *filters]
     given = {field: model(enabled=False) for model, field in _FIELDS.items()} | _filters(reader, filters)
+    rolling = (*node, "rolling_window")
     if node[-2] == "global_costmap":
-        given |= {name: getattr(global_costmap(), name) for name in OF_THE_MAP}
+        given["publish_frequency"] = global_costmap().publish_frequency
+        given["sized_by_map"] = sized_by_map = any(each.modeled.model is StaticLayer for each in listed)
+        given |= {name: getattr(global_costmap(), name) for name in OF_THE_MAP if sized_by_map}
+        given["in_odom"] = not sized_by_map and frame_of(reader, node).endswith("odom")
     if node[-2] == "local_costmap":
         given |= OF_THE_WINDOW
         reader.default_of(
             (*node, "plugins"), declared_defaults()[node[-2]]["plugins"], ["voxel_layer", "inflation_layer"]
         )
-        reader.fixed(
-            (*node, "rolling_window"),
-            declared_defaults()[node[-2]]["rolling_window"].default,
-            "Nav2's window stays where odometry began, with its corner at origin_x, origin_y (0 where left out), and a path that"
-            " leads out of it ends the mission (INVALID_PATH)",
-            "here the window moves with the robot, and such missions go on",
-        )
+        if rolling not in reader.document.values:
+            given["rolling_window"] = True
+        if reader.document.values.get(rolling) in (False, None):
+            reader.warnings[rolling] = _window_stays(rolling in reader.document.values)
     layers = _layers(reader, [each for each in listed if not _is_filter(each)])
     used = [*layers.values(), *(each for each in filters if each.place not in reader.unused)]
     _check_order(reader, sorted(used, key=[*listed, *filters].index))
@@ -241,9 +253,29 @@ def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costma
     if values.get((*node, "footprint"), "[]") not in ("", "[]") and values.get((*node, "robot_radius")) == 0.0:
         given["robot_radius"] = shipped.robot_radius  # Nav2 does not look at it beside a polygon
     found = reader.group(Costmap, node, given=given, left_out=shipped, kinds=[node[-2]])
+    if node[-2] == "local_costmap" and found.rolling_window is True:
+        for name in ("origin_x", "origin_y"):
+            reader.leave((*node, name), "the window moves with the robot")
+    if node[-2] == "global_costmap" and not reader.faults and not found.sized_by_map:
+        count = found.width * found.height / (found.resolution * found.resolution)
+        if count > MOST_CELLS:
+            right = f"a costmap of at most {MOST_CELLS:,} cells"
+            reader.fault((*node, "resolution"), Got(f"{count:,.0f} cells"), right)
     if not reader.faults and vertices_of(found.footprint):
         reader.leave((*node, "robot_radius"), "the polygon footprint replaces it")
     return {node[-2]: found}
+
+
+def _window_stays(is_given: bool) -> Complaint:
+    """Return the warning of a local costmap that Nav2 does not move with the robot."""
+    stays = (
+        "Nav2's window stays where odometry began, with its corner at origin_x, origin_y (0 where left out), and no mission"
+        " leads out of it"
+    )
+    if is_given:
+        return f"rolling_window is false: {stays}", "so it does here"
+    what = f"rolling_window is false where the file leaves it out: {stays}"
+    return what, "here the window moves with the robot, and such missions go on"
 
 
 def _is_filter(instance: Instance) -> bool:
@@ -349,9 +381,13 @@ def _in_source(source: ParameterLocation) -> Mapping[str, ParameterLocation]:
 def written_costmap(name: str, costmap: Costmap) -> Values:
     """Write a costmap, and the nodes with its filters' information."""
     node = (name, name, PARAMETERS)
-    own = OF_THE_MAP if name == "global_costmap" else OF_THE_WINDOW
+    own: list[str] = [*OF_THE_WINDOW]
+    if name == "global_costmap":
+        own = ["publish_frequency", *(OF_THE_MAP if costmap.sized_by_map else ())]
     values = written(costmap, node, given=(*_FIELDS.values(), *own))
-    groups = {field: group for field, group in costmap if field in _FIELDS.values() and group.enabled}
+    is_listed = {"static_layer": name == "global_costmap" and costmap.sized_by_map}
+    groups = {field: group for field, group in costmap if field in _FIELDS.values()}
+    groups = {field: group for field, group in groups.items() if group.enabled or is_listed.get(field)}
     filters = {field: groups.pop(field) for field in ("keepout_filter", "speed_filter") if field in groups}
     voxels = costmap.obstacle_layer.short_clearing_cells
     layers = {"voxel_layer" if voxels and field == "obstacle_layer" else field: groups[field] for field in groups}

@@ -19,6 +19,7 @@ from vastflow.sim.nav2.parameter_files.costmaps import (
     written_costmap,
 )
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
+from vastflow.sim.nav2.parameter_files.frames import without_map
 from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name, short_class
 from vastflow.sim.nav2.parameter_files.plug_ins import PLANNER_PLUG_INS
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, shown, written
@@ -158,6 +159,9 @@ def interpretation(
     _check_turning_radius(reader, parts)
     parts |= {**unheard_speed_filters(reader, parts), **smoother_between(reader)}
     parts |= unheard_listeners(reader, parts)
+    if without_map(reader, parts) and "amcl" in absent:
+        absent.remove("amcl")
+        left_away.append("amcl")
     check_speed_filter(reader, parts)
     if reader.faults:
         raise FileError(reader.faults)

@@ -202,12 +202,6 @@ class Reader:
                 self.own_group(field.annotation, (*place, name))
         return self.group(kind, place)
 
-    def fixed(self, path: ParameterLocation, default: Value, words: str, instead: str) -> None:
-        """Warn of a flag that is false, in the document or by Nav2's code, where the simulator has true alone."""
-        if self.document.values.get(path, default) is False:
-            left_out = "" if path in self.document.values else " where the file leaves it out"
-            self.warnings[path] = f"{path[-1]} is false{left_out}: {words}", instead
-
     def leave(self, path: ParameterLocation, why: str) -> None:
         """Mark a parameter as ineffective because of others."""
         self.asked.pop(path, None)

@@ -89,10 +89,13 @@ class SpeedFilter(ParameterGroup):
 class Costmap(ParameterGroup):
     """One costmap: rates in Hz, lengths in meters.
 
-    `width`, `height`, `resolution` and `publish_frequency` count in the rolling window; the global costmap takes its size
-    and its cells from the map.
+    `publish_frequency` counts in the local costmap; size, origin, and `resolution` do not in a global costmap with a static layer,
+    which takes them from the map.
 
     Attributes:
+        rolling_window: Whether it moves with the robot, or stays with its corner at `origin_x`, `origin_y`.
+        sized_by_map: Of the global costmap: whether it has a static layer, if only one that is not enabled.
+        in_odom: Of the global costmap: whether it is in the odom frame. Then the robot has no map, and no AMCL.
         footprint: The robot's polygon as Nav2's text, which then counts in place of `robot_radius`; `[]` for a disc.
     """
 
@@ -101,6 +104,11 @@ class Costmap(ParameterGroup):
     width: int = parameter(3, 1, 100, least=1)
     height: int = parameter(3, 1, 100, least=1)
     resolution: float = parameter(0.05, 0.01, 1.0, least=1e-9)
+    rolling_window: bool = parameter(True)
+    origin_x: float = parameter(0.0, -1e5, 1e5)
+    origin_y: float = parameter(0.0, -1e5, 1e5)
+    sized_by_map: bool = derived(True)
+    in_odom: bool = derived(False)
     robot_radius: float = parameter(0.22, 0.01, 10.0, mirrored=True)
     footprint: str = parameter("[]")
     footprint_padding: float = parameter(0.01, -10.0, 10.0)
@@ -126,4 +134,4 @@ def local_costmap() -> Costmap:
 
 def global_costmap() -> Costmap:
     """Nav2 Jazzy's global costmap: as large as the map, updated each second."""
-    return Costmap(update_frequency=1.0, publish_frequency=1.0, track_unknown_space=True)
+    return Costmap(update_frequency=1.0, publish_frequency=1.0, track_unknown_space=True, rolling_window=False)

@@ -73,7 +73,7 @@ class NavFnMemory(NamedTuple):
     leg: Any  # (N, 2) points of a leg in cells.
     # (L, H, W) float32, what a path from a cell to a leg's goal costs at the least; 0 where nothing is known.
     to_goal: Any
-    bounds: Any  # (L,) records of `BOUND`.
+    bounds: Any  # (L,) records of `BOUND`; none where the costmap has no map.
     floods: Any  # (1,) int64, floods so far.
 
 
@@ -163,8 +163,9 @@ def _open(memory: NavFnMemory, given: PlannerInput, x_m: float, y_m: float, reac
 @inner
 def _flood(q: Any, memory: NavFnMemory, leg: int, start: Cell, end: Cell, stop: Cell) -> bool:
     """Flood from a cell until the stop, or all cells, have a value; true if the end has one."""
-    # A* does not find the best path, and which one it finds hangs on every cell it has been to.
-    if q.use_astar == 0 and _flood_within_bounds(memory, leg, start, end, stop):
+    # A* does not find the best path, and which one it finds hangs on every cell it has been to. Without a map the cells on
+    # the way are unknown, and dearer than any bound by what they may turn out to be; and the cells of a window move.
+    if q.use_astar == 0 and memory.bounds.shape[0] > 0 and _flood_within_bounds(memory, leg, start, end, stop):
         return True
     # Nothing is above infinity, so any array will do for the lower bounds.
     _propagate(memory, memory.travel, start, stop, q.use_astar != 0, memory.potential, math.inf)
@@ -291,8 +292,8 @@ class NavFnPlanner(NavFn, Planner):
 
     def memory(self, setting: PlannerSetting) -> NavFnMemory:
         """Each leg of a mission has bounds of its own."""
-        shape = setting.costs.shape
-        bounds = np.zeros(setting.legs, dtype=BOUND)
+        shape, legs = setting.costs.shape, setting.legs if setting.costmap.sized_by_map else 0
+        bounds = np.zeros(legs, dtype=BOUND)
         bounds["goal_column"] = -1
         return NavFnMemory(
             travel=setting.prepared.travel.copy(),
@@ -300,7 +301,7 @@ class NavFnPlanner(NavFn, Planner):
             potential=new_potential(shape),
             scratch=new_scratch(shape),
             leg=np.zeros((LEG_LENGTHS * max(shape), 2)),
-            to_goal=zero_pages((setting.legs, *shape), np.float32),
+            to_goal=zero_pages((legs, *shape), np.float32),
             bounds=bounds,
             floods=np.zeros(1, dtype=np.int64),
         )

@@ -65,6 +65,10 @@ class Nav2System:
         return chosen.local_outline(self.parameters)
 
     @property
+    def needs_map(self) -> bool:
+        return not self.parameters.global_costmap.in_odom
+
+    @property
     def masks(self) -> Masks:
         return masks_of(self.values, self.parameters)
 
