@@ -17,6 +17,7 @@ from vastflow.oracles.results.units import units_of
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.places.ground import ground_of
+from vastflow.sim.reading.checked import checked_of
 from vastflow.sim.world.environment import ground_file, world_of
 
 PROGRAM = "import osc.helpers\nscenario go:\n    timeout(20s)\n    do serial:\n        run_process('true')\n"
@@ -146,3 +147,35 @@ def test_paths_are_drawn_on_world_beside_a_map_where_producer_asks(campaign, tmp
     assert not instantiate(load_campaign(file)).configurations
     file.write_text(text.replace("seed: 1", "seed: 1, map_file: '@world'"))
     assert len(instantiate(load_campaign(file)).configurations) == 4
+
+
+OF_COSTMAP = "plugins: [i], i: {plugin: 'nav2_costmap_2d::InflationLayer'}"
+WITHOUT_MAP = f"""\
+bt_navigator: {{ros__parameters: {{global_frame: odom}}}}
+local_costmap: {{local_costmap: {{ros__parameters: {{global_frame: odom, rolling_window: true, {OF_COSTMAP}}}}}}}
+global_costmap: {{global_costmap: {{ros__parameters: {{global_frame: odom, width: 40, height: 40, {OF_COSTMAP}}}}}}}
+"""
+
+
+@each_row(
+    ("goal", "words"),
+    [
+        ("{x: 2.0, y: 1.0}", ""),
+        ("{x: 2.0, y: 9.0}", ""),  # beyond all posts, where nothing stands
+        ("{x: 3.0, y: 1.0}", "lies in a wall"),
+    ],
+)
+def test_mission_of_robot_without_map_needs_world_alone(campaign, goal, words):
+    file = campaign("posts.csv", execution="execution: {nav2_params: nav2.yaml, runs: 1}")
+    file.with_name("nav2.yaml").write_text(WITHOUT_MAP)
+    begins, _, ends = file.read_text().partition("    variations:")
+    poses = f"      - start_pose: {{x: 0.0, y: 0.0}}\n      - goal_pose: {goal}\n"
+    file.write_text(f"{begins}{poses}execution{ends.partition('execution')[2]}")
+    if words:
+        result = called("validate", file)
+        assert result.exit_code == 2 and words in result.stderr
+        return
+    assert called("validate", file).exit_code == 0
+    family = load_campaign(file).families[0]
+    (found,) = instantiate(load_campaign(file)).configurations
+    assert family.drives and checked_of(found.scenario).robot.world_file is None
