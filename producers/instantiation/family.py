@@ -15,26 +15,22 @@ from vastflow.producers.campaign_file.scenario_values import (
     combined_complaint,
     complaint_of,
     dimension_of,
-    intended,
     mask_complaints,
-    replaced_by,
-    unread_keys,
 )
 from vastflow.producers.campaign_file.sections import CARTESIAN, Design, DesignSpec, robot_places
 from vastflow.producers.campaign_file.spec import ExecutionSpec, FamilySpec, StartCheckKind, is_tolerated_in_family
 from vastflow.producers.catalog.parameter import ParameterVariationList
 from vastflow.producers.constraints.constraint import Constraint, read_constraints, unknown_names
-from vastflow.producers.instantiation.family_checks import DataFlow, Link, constraint_faults
+from vastflow.producers.instantiation.family_checks import DataFlow, Link, constraint_faults, unread
 from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.configuration import Fragment, Partial
-from vastflow.producers.model.faults import NOT_EXECUTED, Location, path_text, shown
+from vastflow.producers.model.faults import Location, path_text, shown
 from vastflow.producers.model.producer import (
     ROOM_KEY,
     Producer,
     check_declared,
     draws_of,
     find_producer,
-    may_list_obstacles,
 )
 from vastflow.producers.places.ground import GROUND, MAP_FILE_KEYS, MapSearch
 from vastflow.producers.places.start_check import is_beyond, pose_complaints, room_m, stops_of
@@ -138,7 +134,8 @@ class FamilyReader:
         flow = DataFlow(self._document, location, places, links)
         good = self._check_fixed(flow, values, tags, system)
         if self._abstract:
-            self._note_unread(flow, tags, good, self._abstract, whole=whole)
+            for found in unread(self._document, flow, tags, good, self._abstract, whole=whole):
+                (self.faults if found.kind == "error" else self.notes).append(found)
         unknown = self._document.value(location).keys() - FamilySpec.model_fields.keys()
         if whole and all(map(is_tolerated_in_family, unknown)):  # what could not be read may write anything
             self._check_flow(flow, constraints, good)
@@ -401,40 +398,3 @@ class FamilyReader:
         note = self._document.note("warning", WHERE, what, right)
         if note not in self.notes:
             self.notes.append(note)
-
-    def _note_unread(
-        self,
-        flow: DataFlow,
-        tags: Mapping[str, Dimension],
-        system: Mapping[str, Value],
-        abstract: AbstractScenario,
-        *,
-        whole: bool,
-    ) -> None:
-        """Report keys that nothing reads; without the `whole` chain, only those that are misspelled."""
-        places, links = flow.fixed, flow.links
-        read = {key for link in links for key in link.producer.reads}
-        read |= {RECORDING_KEY, *abstract.parameters, *abstract.goal_keys(flow.written)}
-        varied: dict[str, Location] = {}
-        for link in links:
-            for key, tag in link.producer.writes.items():
-                if (tag or DIMENSION_OF_KEY.get(key, "system")) == "system":
-                    varied.setdefault(key, link.location)
-        untold = {k for link in links for k, tag in link.producer.writes.items() if may_list_obstacles(k, tag)}
-        written = {**varied, **{key: places[key] for key, tag in tags.items() if tag == "system"}}
-        for key in unread_keys(system, varied):
-            if key in read or key.startswith(SUT):
-                continue
-            if why := replaced_by(key, system, varied):
-                self.notes.append(self._document.note("warning", written[key], f"{key!r} has no effect", why))
-                continue
-            near = None if key in untold else intended(key, system, varied, read)
-            if near and near not in flow.written:
-                self._fault(written[key], f"unknown key {key!r}", f"did you mean {near!r}?", at="key")
-                continue
-            what = f"unknown key {key!r} is ignored{', unless it lists obstacles' if key in untold else ''}"
-            if whole:
-                self.notes.append(self._document.note("unknown key", written[key], what))
-        if "mesh_file" in places:
-            where, consequence = places["mesh_file"], "the map alone is the world"
-            self.notes.append(self._document.note("not executed", where, NOT_EXECUTED, consequence))

@@ -7,18 +7,20 @@ from typing import Any, Final
 
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.campaign_file.scenario import AbstractScenario
-from vastflow.producers.campaign_file.scenario_values import LOOPS_KEY
+from vastflow.producers.campaign_file.scenario_values import LOOPS_KEY, intended, replaced_by, unread_keys
 from vastflow.producers.constraints.constraint import Checker
 from vastflow.producers.constraints.quantities import QUANTITIES
 from vastflow.producers.designs.space import DesignSpace, TooLarge
 from vastflow.producers.instantiation.instantiate import Family, contradictions
 from vastflow.producers.model.configuration import Fragment, Rejection
-from vastflow.producers.model.faults import Location, shown
-from vastflow.producers.model.producer import Producer, draws_of
+from vastflow.producers.model.faults import NOT_EXECUTED, Location, shown
+from vastflow.producers.model.producer import Producer, draws_of, may_list_obstacles
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.system.keys import RECORDING_KEY, SUT
 from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY
 
 MISSION_KEYS: Final = frozenset({START_KEY, GOAL_KEY, GOALS_KEY, LOOPS_KEY})
@@ -160,3 +162,41 @@ def _first(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragmen
     if len(items) > MOST_LOOKED_AT:
         raise TooLarge(type(producer).__name__)
     return items
+
+
+def unread(
+    document: Document,
+    flow: DataFlow,
+    tags: Mapping[str, Dimension],
+    system: Mapping[str, Value],
+    abstract: AbstractScenario,
+    *,
+    whole: bool,
+) -> Iterator[Fault]:
+    """Yield faults and notes on keys that nothing reads; without the `whole` chain, only of those that are misspelled."""
+    places, links = flow.fixed, flow.links
+    read = {key for link in links for key in link.producer.reads}
+    read |= {RECORDING_KEY, *abstract.parameters, *abstract.goal_keys(flow.written)}
+    varied: dict[str, Location] = {}
+    for link in links:
+        for key, tag in link.producer.writes.items():
+            if (tag or DIMENSION_OF_KEY.get(key, "system")) == "system":
+                varied.setdefault(key, link.location)
+    untold = {k for link in links for k, tag in link.producer.writes.items() if may_list_obstacles(k, tag)}
+    written = {**varied, **{key: places[key] for key, tag in tags.items() if tag == "system"}}
+    for key in unread_keys(system, varied):
+        if key in read or key.startswith(SUT):
+            continue
+        if why := replaced_by(key, system, varied):
+            yield document.note("warning", written[key], f"{key!r} has no effect", why)
+            continue
+        near = None if key in untold else intended(key, system, varied, read)
+        if near and near not in flow.written:
+            yield document.fault(written[key], f"unknown key {key!r}", f"did you mean {near!r}?", "key")
+            continue
+        what = f"unknown key {key!r} is ignored{', unless it lists obstacles' if key in untold else ''}"
+        if whole:
+            yield document.note("unknown key", written[key], what)
+    if "mesh_file" in places:
+        where, consequence = places["mesh_file"], "the map alone is the world"
+        yield document.note("not executed", where, NOT_EXECUTED, consequence)
