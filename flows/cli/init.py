@@ -16,6 +16,8 @@ from vastflow.sim.model.faults import UserError
 _LONGEST_PATH_M: Final = 10.0
 _SHORTEST_PATH_M: Final = 1.0
 _TEMPLATE: Final = Path(__file__).with_name("random_paths.vast.j2")
+_BARN_TEMPLATE: Final = Path(__file__).with_name("barn.vast.j2")
+_BARN: Final = "barn"
 
 
 def init(
@@ -24,22 +26,32 @@ def init(
         Path | None, typer.Option("--map", metavar="MAP.yaml", help="Map of map_server, for random paths on it.")
     ] = None,
     nav2_params: Annotated[
-        Path | None, typer.Option("--params", metavar="NAV2.yaml", help="With --map: the robot's Nav2 parameter file.")
+        Path | None,
+        typer.Option("--params", metavar="NAV2.yaml", help="With --map or --worlds: the robot's Nav2 parameter file."),
     ] = None,
+    worlds: Annotated[
+        Path | None, typer.Option("--worlds", metavar="DATA", help="Data of the BARN benchmark, for its campaign.")
+    ] = None,
+    every: Annotated[int, typer.Option("--every", min=1, help="With --worlds: take every n-th of its 300 worlds.")] = 6,
 ) -> None:
     """Write a first campaign.
 
     With a map, it drives random paths on that map with the robot of the Nav2 parameter file, or of Nav2's default file; both
-    files stay where they are. Without a map, it is the quickstart: 24 configurations of a delivery robot in a small office.
+    files stay where they are. `vastflow init barn` with the data of the BARN benchmark and a Nav2 file without a map writes that
+    benchmark's campaign. Without any, it is the quickstart: 24 configurations of a delivery robot in a small office.
     Existing files are never overwritten.
     """
-    if nav2_params is not None and map_file is None:
-        raise UserError("--params: requires --map")
+    is_barn = worlds is not None or (folder.name == _BARN and map_file is None)
+    if nav2_params is not None and map_file is None and not is_barn:
+        raise UserError("--params: requires --map or --worlds")
     check_writable(folder)
-    name = "quickstart.vast" if map_file is None else f"{map_file.stem}.vast"
+    stem = _BARN if is_barn else "quickstart" if map_file is None else map_file.stem
+    name = f"{stem}.vast"
     campaign = folder / name
     command = shlex.quote(str(campaign))
-    if map_file is None:
+    if is_barn:
+        written = _barn(folder, worlds, map_file, nav2_params, every, command)
+    elif map_file is None:
         quickstart = files("vastflow.campaigns.quickstart")
         text = quickstart.joinpath(name).read_text(encoding="utf-8").replace(f"campaigns/quickstart/{name}", command)
         maps = {each: quickstart.joinpath(each).read_bytes() for each in ("maps/office.yaml", "maps/office.pgm")}
@@ -53,13 +65,34 @@ def init(
         with writing(place):
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(content)
-    print(f"wrote {campaign}{' and its map' if map_file is None else ''}, now run it:")
+    beside = " and its worlds" if is_barn else " and its map" if map_file is None else ""
+    print(f"wrote {campaign}{beside}, now run it:")
     print(f"vastflow run {command}")
 
 
-def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, command: str) -> str:
-    from jinja2 import Template
+def _barn(
+    folder: Path, data: Path | None, map_file: Path | None, nav2_params: Path | None, every: int, command: str
+) -> dict[str, bytes]:
+    from vastflow.flows.cli.barn import NAV2_SOURCE, SOURCE, barn_worlds
+    from vastflow.sim.system.system import system_kind
 
+    if data is None:
+        raise UserError(f"--worlds: expected a folder with the data of BARN, such as a clone of {SOURCE}, got none")
+    if nav2_params is None or map_file is not None:
+        raise UserError(f"--worlds: requires --params, a Nav2 file without a map such as {NAV2_SOURCE}, and no --map")
+    system_kind().file_content(nav2_params)  # refuses what is none
+    worlds = barn_worlds(data, every)
+    text = _rendered(
+        _BARN_TEMPLATE,
+        command=command,
+        worlds=[(number, round(world.length_m, 3)) for number, world in worlds.items()],
+        nav2_params=_named(nav2_params, folder),
+    )
+    circles = {f"worlds/world_{number}.csv": world.circles.encode() for number, world in worlds.items()}
+    return {f"{_BARN}.vast": text.encode(), **circles}
+
+
+def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, command: str) -> str:
     from vastflow.producers.places.ground import ground_of
     from vastflow.producers.places.route import farthest_m
     from vastflow.sim.model.polygon import circumscribed_radius_m
@@ -84,16 +117,24 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
         raise UserError(f"{map_file}: expected {asked}, got none")
     length_m = math.floor(10 * length_m) / 10
 
-    def named(file: Path) -> str:
-        return json.dumps(Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix(), ensure_ascii=False)
-
-    text: str = Template(_TEMPLATE.read_text(encoding="utf-8"), keep_trailing_newline=True).render(
+    return _rendered(
+        _TEMPLATE,
         command=command,
         name=json.dumps("-".join(file.stem for file in (map_file, nav2_params) if file), ensure_ascii=False),
-        map_file=named(map_file),
+        map_file=_named(map_file, folder),
         length_m=f"{length_m:g}",
         tolerance_m=f"{length_m / 10:.2g}",
         diameter_m=f"{diameter_m:g}",
-        nav2_params="" if nav2_params is None else f"nav2_params: {named(nav2_params)}\n  ",
+        nav2_params="" if nav2_params is None else f"nav2_params: {_named(nav2_params, folder)}\n  ",
     )
+
+
+def _named(file: Path, folder: Path) -> str:
+    return json.dumps(Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix(), ensure_ascii=False)
+
+
+def _rendered(template: Path, **values: object) -> str:
+    from jinja2 import Template
+
+    text: str = Template(template.read_text(encoding="utf-8"), keep_trailing_newline=True).render(**values)
     return text

@@ -25,6 +25,7 @@ class Situation:
         circumscribed_radius_m: Circumscribed radius of the robot's body.
         passed: The goals that a mission through poses passes by, in order.
         movers: Shapes of bodies that move by themselves, by their names.
+        reference_length_m: Length of the path that a benchmark compares with; None where the campaign gives none.
     """
 
     start: Pose | None
@@ -34,6 +35,7 @@ class Situation:
     circumscribed_radius_m: float = TURTLEBOT_4.radius_m
     passed: tuple[Pose, ...] = ()
     movers: Mapping[str, Disc | Box] = field(default_factory=dict)
+    reference_length_m: float | None = None
 
 
 def situation_of(scenario: Scenario) -> Situation:
@@ -48,4 +50,5 @@ def situation_of(scenario: Scenario) -> Situation:
     system = system_of(scenario.system, is_drawn=True)
     radii_m = system.inscribed_radius_m, system.robot.radius_m
     movers = mover_shapes(scenario.environment)
-    return Situation(script.start, script.goals, script.obstacles, *radii_m, script.passed, movers)
+    passed, length_m = script.passed, script.reference_length_m
+    return Situation(script.start, script.goals, script.obstacles, *radii_m, passed, movers, length_m)

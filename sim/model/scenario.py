@@ -98,6 +98,7 @@ DIMENSION_OF_KEY: Mapping[str, Dimension] = {
     "goal_pose": "task",
     "goal_poses": "task",
     "number_of_loops": "task",
+    "reference_length": "task",
 }
 """Dimension of a key without a tag; all other keys are the system's."""
 

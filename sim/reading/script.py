@@ -1,5 +1,6 @@
 """The script of a run: an abstract scenario with the values and goals of a concrete one."""
 
+import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,6 +29,7 @@ from vastflow.sim.scenario.programs.folders import handed_name
 
 GOAL_KEY: Final = "goal_pose"
 GOALS_KEY: Final = "goal_poses"
+LENGTH_KEY: Final = "reference_length"
 
 _NUMBERED: Final = re.compile(rf"{GOAL_KEY}_?(\d+)")
 _SEND: Final = "nav_to_pose"
@@ -117,6 +119,7 @@ class Script:
         obstacles: Obstacles that stand or appear whatever the scenario does; entities it spawns itself are not among them.
         topics: Topics that its `bag_record`s name; None where there are none, where one names none and so all, or where only a
             run knows.
+        reference_length_m: Length of the path that a benchmark compares with; None where the campaign gives none.
     """
 
     definition: ScenarioDefinition
@@ -127,6 +130,7 @@ class Script:
     rounds: int
     obstacles: tuple[Obstacle, ...]
     topics: tuple[str, ...] | None
+    reference_length_m: float | None = None
 
 
 def script_of(scenario: Scenario) -> Script:
@@ -165,7 +169,12 @@ def script_of(scenario: Scenario) -> Script:
         start = pose_of(given[START_KEY], START_KEY)
     standing = {key: value for key, value in scenario.environment.items() if key not in overrides}
     topics = tuple(str(topic) for bag in bags for topic in bag) if bags and all(bags) else None
-    return Script(definition, values, start, tuple(goals), tuple(passed), rounds, obstacles_of(standing), topics)
+    length_m: Any = given.get(LENGTH_KEY)
+    if LENGTH_KEY in given and not (isinstance(length_m, int | float) and 0 < length_m < math.inf):
+        raise ScenarioError(f"{LENGTH_KEY}: expected a length above 0 m, got {length_m!r}")
+    return Script(
+        definition, values, start, tuple(goals), tuple(passed), rounds, obstacles_of(standing), topics, length_m
+    )
 
 
 def overrides_of(definition: ScenarioDefinition, given: Mapping[str, Value]) -> dict[str, Any]:
