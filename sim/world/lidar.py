@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from vastflow.sim.kernels.binding import Bound, Running, Seam, calling, forwarding
 from vastflow.sim.kernels.numeric import inner, njit
+from vastflow.sim.world.bodies import DISC as DISC_PART
 from vastflow.sim.world.noise import LidarNoise, Scan
 from vastflow.sim.world.obstacle_rows import DISC, SHAPE
-from vastflow.sim.world.skip_table import SkipTable, ranges_to_walls
+from vastflow.sim.world.skip_table import SkipTable, range_to_part, ranges_to_walls
 
 
 @njit
@@ -43,39 +44,91 @@ def scan(
     for b in range(directions.shape[0]):
         turned[b, 0] = c * directions[b, 0] - s * directions[b, 1]
         turned[b, 1] = s * directions[b, 0] + c * directions[b, 1]
-    ranges_to_walls(skips, x_cells, y_cells, turned, range_min_m / resolution_m, range_max_m / resolution_m, out_m)
+    start, end = range_min_m / resolution_m, range_max_m / resolution_m
+    spacing = _spacing(turned)
+    if not _see_discs(skips, x_cells, y_cells, turned, spacing, start, end, out_m):
+        ranges_to_walls(skips, x_cells, y_cells, turned, start, end, out_m)
     for b in range(directions.shape[0]):
         out_m[b] *= resolution_m
     for k in range(obstacles.shape[0]):
-        _see_obstacle(obstacles[k], x_m, y_m, turned, range_min_m, range_max_m, out_m)
+        _see_obstacle(obstacles[k], x_m, y_m, turned, spacing, range_min_m, range_max_m, out_m)
+
+
+@inner
+def _see_discs(
+    skips: SkipTable, x: float, y: float, directions: Any, spacing: float, start: float, end: float, out: Any
+) -> bool:
+    """Write the ranges to discs, where nothing else stands, as `ranges_to_walls` has them: by the beams toward each.
+
+    Returns:
+        False where nothing is written: others stand there, or a beam might begin in a disc.
+    """
+    parts = skips.parts
+    out[:] = math.inf
+    for k in range(skips.discs):
+        ox, oy, radius = parts[k, 1] - x, parts[k, 2] - y, parts[k, 3]
+        if math.sqrt(ox * ox + oy * oy) <= radius + start + 1.0:
+            return False
+        for turn in range(2):
+            first, last = _toward(directions, spacing, ox, oy, radius, turn)
+            for b in range(first, last + 1):
+                dx, dy = directions[b, 0], directions[b, 1]
+                hit = range_to_part(DISC_PART, ox, oy, radius, 0.0, x, y, dx, dy, start)
+                if hit < end:
+                    out[b] = min(out[b], hit)
+    return skips.discs > 0
 
 
 @inner
 def _see_obstacle(
-    obstacle: Any, x_m: float, y_m: float, directions: Any, range_min_m: float, range_max_m: float, out_m: Any
+    obstacle: Any,
+    x_m: float,
+    y_m: float,
+    directions: Any,
+    spacing: float,
+    range_min_m: float,
+    range_max_m: float,
+    out_m: Any,
 ) -> None:
     """Shorten the beams that meet an obstacle; only beams toward its circumcircle are tested."""
-    beams = directions.shape[0]
     ox, oy = obstacle[0] - x_m, obstacle[1] - y_m
-    away = math.sqrt(ox * ox + oy * oy)
     reach = math.sqrt(obstacle[4] * obstacle[4] + obstacle[5] * obstacle[5])
-    if not away - reach < range_max_m:
+    if not math.sqrt(ox * ox + oy * oy) - reach < range_max_m:
         return
-    bearing, half, spacing = 0.0, 2.0 * math.pi, 2.0 * math.pi / beams
-    if beams > 1 and away > reach:
-        fx, fy = directions[0, 0], directions[0, 1]
-        sx, sy = directions[1, 0], directions[1, 1]
-        bearing = math.atan2(fx * oy - fy * ox, fx * ox + fy * oy)
-        spacing = math.atan2(fx * sy - fy * sx, fx * sx + fy * sy)
-        half = math.asin(reach / away) + spacing
-    # Beams lie from 0 to a turn behind the first one, bearings within half a turn of it.
     for turn in range(2):
-        first = max(0, math.floor((bearing + turn * 2.0 * math.pi - half) / spacing))
-        last = min(beams - 1, math.ceil((bearing + turn * 2.0 * math.pi + half) / spacing))
+        first, last = _toward(directions, spacing, ox, oy, reach, turn)
         for b in range(first, last + 1):
             hit = range_to_obstacle(obstacle, x_m, y_m, directions[b, 0], directions[b, 1], range_min_m)
             if hit < range_max_m:
                 out_m[b] = min(out_m[b], hit)
+
+
+@inner
+def _spacing(directions: Any) -> float:
+    """Return the angle from one beam to the next."""
+    if directions.shape[0] < 2:
+        return 2.0 * math.pi
+    fx, fy, sx, sy = directions[0, 0], directions[0, 1], directions[1, 0], directions[1, 1]
+    return math.atan2(fx * sy - fy * sx, fx * sx + fy * sy)
+
+
+@inner
+def _toward(directions: Any, spacing: float, ox: float, oy: float, reach: float, turn: int) -> Any:
+    """Return the first and last beam that may come within `reach` of a place.
+
+    Args:
+        turn: 0 or 1, both of which are to be asked for.
+
+    Beams lie from 0 to a turn behind the first one, bearings within half a turn of it.
+    """
+    away = math.sqrt(ox * ox + oy * oy)
+    bearing, half = 0.0, 2.0 * math.pi
+    if directions.shape[0] > 1 and away > reach:
+        fx, fy = directions[0, 0], directions[0, 1]
+        bearing = math.atan2(fx * oy - fy * ox, fx * ox + fy * oy) + turn * 2.0 * math.pi
+        half = math.asin(reach / away) + spacing
+    first, last = (bearing - half) / spacing, (bearing + half) / spacing
+    return max(0, math.floor(first)), min(directions.shape[0] - 1, math.ceil(last))
 
 
 @njit

@@ -56,6 +56,39 @@ def by_hand(body, x_m, y_m, dx, dy):
     return math.inf if met.is_empty else shapely.Point(x_m, y_m).distance(met)
 
 
+DISCS = st.lists(st.builds(Body, st.just("it"), st.builds(Disc, st.floats(0.01, 0.6)), PLACES), min_size=1, max_size=40)
+SCANNERS = st.sampled_from([(1, 0.0, 0.0), (7, -math.pi, math.pi), (360, 0.0, 6.28), (720, -2.35619, 2.35619)])
+
+
+@given(DISCS, st.floats(-4.5, 4.5), st.floats(-4.5, 4.5), st.floats(-4.0, 4.0), SCANNERS, st.sampled_from([0.0, 0.3]))
+@settings(max_examples=200, deadline=None)
+def test_scan_of_discs_has_the_bits_of_cell_by_cell(bodies, x_m, y_m, yaw_rad, scanner, least_m):
+    """From anywhere: beside the floor and inside of discs too."""
+    walls = walls_of(bodies, FLOOR)
+    skips = skip_table_of(walls.occupied, outlines_of(bodies, walls))
+    assert skips.discs == len(bodies)
+    angles = np.linspace(scanner[1], scanner[2], scanner[0])
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    found = []
+    for each in (skips, skips._replace(discs=0)):
+        out = np.empty(len(angles))
+        pose, place = np.array([x_m, y_m, yaw_rad]), (walls.resolution_m, *walls.origin_xy_m)
+        scan(each, *place, np.zeros((0, 7)), pose, directions, least_m, 5.0, out)
+        found.append(out.tobytes())
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize(
+    "other", [Body("box", Box(0.2, 0.2), Pose(1.0, 1.0)), Body("across", Disc(0.3), Pose(2.9, 0.0))]
+)
+def test_skip_table_leaves_other_bodies_and_discs_across_the_border_to_cells(other):
+    bodies = [Body("disc", Disc(0.3), Pose(0.0, 0.0)), other]
+    walls = walls_of(bodies, FLOOR)
+    assert skip_table_of(walls.occupied, outlines_of(bodies, walls)).discs == 0
+    many = [Body("disc", Disc(0.01), Pose(x, y)) for x in np.linspace(-2, 2, 40) for y in np.linspace(-2, 2, 26)]
+    assert skip_table_of(walls.occupied, outlines_of(many, walls)).discs == 0
+
+
 @given(BODIES, st.floats(-2.5, 2.5), st.floats(-2.5, 2.5), st.sampled_from([FLOOR, TURNED]))
 @settings(max_examples=80, deadline=None)
 def test_beams_end_on_the_outlines_of_bodies(bodies, x_m, y_m, grid):
