@@ -116,10 +116,10 @@ def _spacing(directions: Any) -> float:
 def _toward(directions: Any, spacing: float, ox: float, oy: float, reach: float, turn: int) -> Any:
     """Return the first and last beam that may come within `reach` of a place.
 
-    Args:
-        turn: 0 or 1, both of which are to be asked for.
-
     Beams lie from 0 to a turn behind the first one, bearings within half a turn of it.
+
+    Args:
+        turn: 0 or 1; both are to be asked for.
     """
     away = math.sqrt(ox * ox + oy * oy)
     bearing, half = 0.0, 2.0 * math.pi

@@ -26,13 +26,15 @@ def judged(window, outline, pose, poses, circumscribed_cost, record):
     near, lethal = np.ones(SIDE * SIDE, dtype=np.uint8), np.ones(SIDE * SIDE, dtype=np.int32)
     cost_values(record[0].CostCritic, values, 10.0)
     frame = lay_frame(frame_costs, values, window, pose)
-    lay_room(near, lethal, frame, window, circumscribed_cost)
+    vertices = np.zeros(2 * len(outline))
+    lay_room(near, lethal, vertices, frame, window, outline, circumscribed_cost)
+    room = near, lethal, vertices, len(outline)
     found = np.zeros((len(poses), 2), dtype=np.bool_)
     for k in range(len(poses)):
         x, y, yaw_rad = poses[k, 0] * frame.columns, poses[k, 1] * frame.rows, poses[k, 2]
         x_m, y_m = frame.left_m + x * CELL_M, frame.bottom_m + y * CELL_M
         is_near = near[int(y) * frame.columns + int(x)] != 0
-        found[k, 0] = is_near and outline_collides(lethal, frame, window, outline, x, y, yaw_rad)
+        found[k, 0] = is_near and outline_collides(room, frame, x, y, yaw_rad)
         leaves = False
         for v in range(outline.shape[0]):
             c, s = np.cos(yaw_rad) / CELL_M, np.sin(yaw_rad) / CELL_M

@@ -81,7 +81,8 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
         cost_values(q.CostCritic, space.values, goal_m)
     frame = lay_frame(space.frame, space.values, given.window, pose)
     if q.CostCritic.consider_footprint != 0:
-        lay_room(space.near, space.lethal, frame, given.window, memory.circumscribed_cost[0])
+        room = space.near, space.lethal, space.vertices
+        lay_room(*room, frame, given.window, given.outline, memory.circumscribed_cost[0])
     lowest, highest, beyond, backwards = _prices(q, memory.unlimited_mps, goal_m)
     used = sequence.shape[1] * memory.space.costs.shape[0]
     rise, fall, turn = q.model_dt * q.ax_max, -q.model_dt * q.ax_min, q.model_dt * q.az_max

@@ -27,6 +27,7 @@ from vastflow.sim.kernels.lanes import (
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.kernels.streams import integer_below
 from vastflow.sim.model.elementary import normals
+from vastflow.sim.model.polygon import MOST_VERTICES
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
 
 ROW: Final = WIDTH
@@ -58,11 +59,12 @@ class Space(NamedTuple):
     cells: Any  # uint16: numbers of cells, or of entries of the table, for the samples at hand.
     values: Any  # (256,) cost by the costmap's cost.
     frame: Any  # Cost of a cell.
-    # uint8, by the number of a frame's cell: whether an outline that has its center there is looked at. This
-    # and the next are empty where none is.
+    # uint8, by the number of a frame's cell: 0 where no outline that has its center there is looked at, 2 where the
+    # cell is lethal, else 1. This and the next are empty where none is looked at.
     near: Any
     # int32, by the number of a frame's cell: lethal cells in its row and below, in its column and left of it.
     lethal: Any
+    vertices: Any  # float64, x and y of the outline's vertices in the robot's frame (m).
     yaws: Any  # P times a row: headings of the samples at hand at the points whose outlines are looked at (rad).
     touched: Any  # touched, costs, weights: G rows: costs under the track, costs in all, weights in the mean.
     costs: Any
@@ -142,6 +144,7 @@ def new_memory(
             frame=np.zeros(SIDE * SIDE, dtype=np.float32),
             near=np.zeros(frame_cells, dtype=np.uint8),
             lethal=np.zeros(frame_cells, dtype=np.int32),
+            vertices=np.zeros(2 * MOST_VERTICES),
             yaws=rows(cells),
             touched=rows(groups),
             costs=rows(groups),
