@@ -53,7 +53,9 @@ class Joints(Section):
     """Joints of a differential drive, published on `/joint_states`."""
 
     left: str = "left_wheel_joint"
+    """Name of the left wheel's joint."""
     right: str = "right_wheel_joint"
+    """Name of the right wheel's joint."""
     wheel_radius: Positive
     """m"""
     track: Positive

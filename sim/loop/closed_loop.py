@@ -132,7 +132,12 @@ class ClosedLoop:
     def estimate(self) -> Pose:
         m = self.stack.m[0]
         known = Pose(float(m["x"]), float(m["y"]), float(m["yaw"]))
-        return self.frame.pose_to_map(placed(known, planning_frame(self.stack)))
+        return self.frame.pose_to_map(placed(known, self.planning_frame))
+
+    @property
+    def planning_frame(self) -> Pose:
+        """Pose of the frame in which the stack plans, in the frame of the map's grid."""
+        return planning_frame(self.stack)
 
     @property
     def events(self) -> Sequence[Event]:

@@ -11,8 +11,8 @@ from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import GridFrame, Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Columns
+from vastflow.sim.world.crowd import Crowd
 from vastflow.sim.world.mover import Mover, MovingBody, ReactiveMover, Sight
-from vastflow.sim.world.pedestrian import Crowd
 from vastflow.sim.world.readers.reader import FARTHEST_M
 from vastflow.sim.world.social_force import Walls
 

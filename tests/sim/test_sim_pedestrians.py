@@ -18,9 +18,9 @@ from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.model.shape import Disc
 from vastflow.sim.run import run
+from vastflow.sim.world.crowd import Crowd, Pedestrian
 from vastflow.sim.world.mover import MovingBody, drawn_movers
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.pedestrian import Crowd, Pedestrian
 from vastflow.sim.world.skip_table import skip_table_of
 from vastflow.sim.world.social_force import BIAS, FASTEST, People, Walls, interaction, walk
 

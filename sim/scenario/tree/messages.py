@@ -10,7 +10,6 @@ from vastflow.sim.model.elementary import atan2, cos_sin
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import Pose, placed_points
 from vastflow.sim.model.rates import TICK_S
-from vastflow.sim.nav2.navigator.state import planning_frame
 from vastflow.sim.scenario.tree.support import TOPICS
 
 if TYPE_CHECKING:  # helpers read members without a simulator
@@ -66,7 +65,7 @@ def message(simulation: "Simulation", topic: str) -> Any:
             }
         case "/plan":
             stack = simulation.stack
-            known = placed_points(stack.route.path[: int(m["path_n"]), :2], planning_frame(stack))
+            known = placed_points(stack.route.path[: int(m["path_n"]), :2], simulation.planning_frame)
             points = simulation.frame.points_to_map(known).tolist()
             poses = [{**_header(now_s, "map"), "pose": _pose(Pose(x_m, y_m))} for x_m, y_m in points]
             return {**_header(now_s, "map"), "poses": poses}
