@@ -36,6 +36,7 @@ execution:
 DRIVEN = """\
   system: ros2
   env: [REPEATED: FILE]
+  nodes: [{stays: {command: sleep 600}}]
   ros2: {python: BRIDGE, localization: ideal}
 """
 
