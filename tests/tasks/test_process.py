@@ -33,7 +33,7 @@ def test_cpu_time_of_children_counts_once_while_and_after_they_live():
         child.communicate(b"\n")
     ended_s = cpu_s() - before_s
     assert alive_s >= 0.45
-    assert alive_s <= ended_s < alive_s + 0.4
+    assert alive_s - 1e-6 <= ended_s < alive_s + 0.4  # differences of greater numbers, which round
 
 
 def test_program_keeps_its_own_handler_of_sigterm():
