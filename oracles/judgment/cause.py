@@ -47,14 +47,14 @@ CAUSES: Final[Mapping[Cause, str]] = {
     "stood still": f"the robot was sent and never moved {STANDSTILL_M:g} m",
     "jump of the estimate": f"the estimate jumped by {JUMP_M:g} m or more, and the path was invalid from there (INVALID_PATH)",
     "lost": f"localization error above {LOST_M:g} m at the end",
-    "contact": "the robot touched something and ended there, or safety fails a contact",
+    "contact": "the robot touched something and ended there, safety fails a contact, or social or barn a run with one",
     "blocked by an obstacle": f"the mission ended within {BLOCKED_M:g} m of an obstacle that is not on the map, or without a path and "
     f"within {SEEN_M:g} m of one",
     "no path to the goal": "the planner never found a path, from the start to the end of the run",
     "no path": "the planner found no path any more, and no recovery helped",
     "timed out recovering": f"the time ran out within {RECOVERING_S:g} s of a recovery",
     "gave up recovering": f"Nav2 gave up within {RECOVERING_S:g} s of a recovery",
-    "too close": "safety: closer to an obstacle than the robot could stop within",
+    "too close": "safety: closer to an obstacle than the robot could stop within; social: for too long close to a body that moves",
     "mislocalized": f"robustness: localization error under way, not above {LOST_M:g} m at the end",
     "left the path": f"performance: more than {LEFT_M:g} m off the reference path",
     "unknown": "none of the causes is seen",
@@ -62,6 +62,11 @@ CAUSES: Final[Mapping[Cause, str]] = {
 """Causes in words, in order of precedence."""
 
 _SUCCESS, _SAFETY, _ROBUSTNESS, _PERFORMANCE = "success", "safety", "robustness", "performance"
+_SOCIAL: Final = "social"
+_NEAR: Final = {_SAFETY, _SOCIAL}
+"""Oracles of what is near, which a wrong estimate alone does not fail."""
+_TOUCHED: Final = {_SOCIAL: "contacts", "barn": "collided"}
+"""Oracle to its metric of contacts."""
 _NO_PATH: Final = 200
 """First of the planner's error codes."""
 _INVALID_PATH: Final = "103"
@@ -88,12 +93,13 @@ def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
         yield "stood still"
     if _SUCCESS in failed and _path_lost_by_jump(trace):
         yield "jump of the estimate"
-    if failed.keys() != {_SAFETY} and not trace.run.estimated_by and trace["localization_error_m"][end] > LOST_M:
+    if failed.keys() - _NEAR and not trace.run.estimated_by and trace["localization_error_m"][end] > LOST_M:
         yield "lost"
     x_m, y_m = trace.xy_m[end]
     contacts = () if trace.run.estimated_by else trace.events("contact")
     touched = any(hypot(event.x_m - x_m, event.y_m - y_m) <= AT_M for event in contacts)
-    if (_SUCCESS in failed and touched) or (_SAFETY in failed and _fails_contact(failed[_SAFETY])):
+    told = any(failed[name].metrics[metric].value for name, metric in _TOUCHED.items() if name in failed)
+    if told or (_SUCCESS in failed and touched) or (_SAFETY in failed and _fails_contact(failed[_SAFETY])):
         yield "contact"
     if _SUCCESS in failed:
         kinds = [name for name in CLEARANCES if name in trace.columns]
@@ -105,7 +111,7 @@ def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
         ended_s = float(trace["t_s"][end])
         if any(0.0 <= ended_s - event.t_s <= RECOVERING_S for event in trace.events("recovery")):
             yield "timed out recovering" if trace.run.outcome == "timed_out" else "gave up recovering"
-    if _SAFETY in failed:
+    if not failed.keys().isdisjoint(_NEAR):
         yield "too close"
     if _ROBUSTNESS in failed:
         yield "mislocalized"

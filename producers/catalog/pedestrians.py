@@ -2,15 +2,15 @@
 
 import itertools
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Final, TypeAlias
+from typing import Annotated, Final
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from vastflow.producers.catalog.crossing import taut_m, with_movers
 from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import DRAW, Fragment, Rejection
-from vastflow.producers.model.numbers import Amount, Count, NotNegative, Positive, Seed
+from vastflow.producers.model.numbers import Amounts, Count, Flags, NotNegative, Positive, Seed
 from vastflow.producers.model.producer import Draws, Producer
 from vastflow.producers.places.ground import Ground, ground_of, map_of
 from vastflow.producers.places.route import LegRequest, draw_leg
@@ -26,14 +26,6 @@ MARGIN_M: Final = 0.1
 """Least gap between walls and a person on its route."""
 TRIES: Final = 50
 """Routes that are drawn for a person."""
-
-
-def _listed(value: object) -> object:
-    return value if isinstance(value, list | tuple) else [value]
-
-
-Amounts: TypeAlias = Annotated[tuple[Amount, ...], BeforeValidator(_listed), Field(min_length=1)]
-Flags: TypeAlias = Annotated[tuple[bool, ...], BeforeValidator(_listed), Field(min_length=1)]
 
 
 class PedestrianParameters(producer.Parameters):

@@ -51,6 +51,10 @@ Numbers: TypeAlias = Annotated[
     tuple[Number, ...], BeforeValidator(_listed, json_schema_input_type=Number | list[Number])
 ]
 """A finite number or a list of at least one; a tuple once read."""
+Amounts: TypeAlias = Annotated[
+    tuple[Amount, ...], BeforeValidator(_listed, json_schema_input_type=Amount | list[Amount])
+]
+Flags: TypeAlias = Annotated[tuple[bool, ...], BeforeValidator(_listed, json_schema_input_type=bool | list[bool])]
 Positives: TypeAlias = Annotated[
     tuple[Positive, ...], BeforeValidator(_listed, json_schema_input_type=Positive | list[Positive])
 ]

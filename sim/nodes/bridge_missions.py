@@ -24,7 +24,7 @@ class Missions:
         self.begin("")
 
     def begin(self, state: str = "running") -> None:
-        """Forget the mission before, whatever is told of it later."""
+        """Begin another mission; later words on the one before don't count."""
         self.told: dict[str, Any] = {"state": state, "code": 0, "message": "", "recoveries": 0, "missed": 0}
 
     def send(self, kind: str, poses: list[Any], loops: int, wait_s: float) -> None:

@@ -29,7 +29,7 @@ class Pace:
         self._is_known = False
 
     def keep(self, scenario: Scenario, seed: int) -> None:
-        """Return once the pool has no more workers than keep pace, if runs of the scenario are paced."""
+        """Bound the pool's workers by a probe, once, if runs of the scenario are paced."""
         nodes = scenario.programs and scenario.programs.nodes
         if self._is_known or not nodes or nodes.time != "paced" or self._pool.workers == 1:
             return

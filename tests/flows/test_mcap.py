@@ -407,7 +407,7 @@ def test_bag_has_the_bytes_that_nodes_published_in_place_of_the_recordings_comma
     assert speeds == [0.25, 0.25]
 
 
-def test_bag_leaves_out_messages_whose_definition_is_not_known_and_says_so(driven_bag):
+def test_bag_names_messages_without_definition_and_leaves_them_out(driven_bag):
     words = "no definition is known of /grip (my_msgs/msg/Grip)"
     told = yaml.safe_load((driven_bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert words in told["custom_data"]["executed_again"]
@@ -438,7 +438,7 @@ def test_export_names_missing_package(recorded, monkeypatch):
         typestore.cache_clear()
 
 
-def test_bag_tells_each_recovery_that_nav2_counts(tmp_path):
+def test_bag_has_each_recovery_of_nav2(tmp_path):
     """Nav2 counts the clearing of both costmaps as two."""
     bag = RunBag()
     events = [Event(float(k), "recovery", 1.0, 1.0, what, 0.0) for k, what in enumerate(RECOVERIES)]

@@ -72,7 +72,7 @@ def compared(*directories):
     return json.loads(called("compare", *directories, "--json").stdout)
 
 
-def test_nodes_that_repeat_the_built_in_robot_are_not_told_from_it(directories):
+def test_nodes_repeating_the_built_in_robot_show_no_difference(directories):
     found = compared(directories["built_in"], directories["repeated"])
     assert found["paired"]["judged_both_times"] == 32 and found["paired"]["other_system"] == 16
     assert (found["difference"]["lost"], found["difference"]["gained"]) == (0, 0)
@@ -81,7 +81,7 @@ def test_nodes_that_repeat_the_built_in_robot_are_not_told_from_it(directories):
     assert found["explained"] == []
 
 
-def test_nodes_that_are_slow_where_noise_is_high_differ_by_noise(directories):
+def test_nodes_slow_in_high_noise_differ_by_noise(directories):
     found = compared(directories["built_in"], directories["slow"])
     (time,) = (one for one in found["metrics"] if one["metric"] == "time")
     assert (time["pairs"], time["equal"]) == (32, 16) and time["interval"][0] > 0.0 and time["adjusted"] < 0.05

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
+from vastflow.oracles.judgment.cause import cause_of
 from vastflow.oracles.judgment.registry import oracle_of
 from vastflow.oracles.observation.observe import encounters
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
@@ -54,7 +55,7 @@ def judged(trace, **parameters):
         ((0.04, 0.0), (1.4, 0.0), (-1.0, 0.0), "body"),  # below the speed that counts
     ],
 )
-def test_contact_is_told_apart_by_who_moved_into_whom(robot_mps, cart_m, cart_mps, by):
+def test_contact_says_who_moved_into_whom(robot_mps, cart_m, cart_mps, by):
     verdict, found = judged(trace_with(robot_mps, cart_m, cart_mps, contact_s=0.85))
     counts = {who: found[f"contacts_by_{who}"] for who in ("robot", "body", "both")}
     assert counts == {who: int(who == by) for who in counts}
@@ -128,3 +129,14 @@ def test_time_to_collision_is_that_of_the_discs(robot_mps, cart_m, cart_mps):
 
 def test_trace_without_movers_has_no_encounters():
     assert encounters([], np.arange(3, dtype=np.int32), np.zeros((3, 2)), 0.2) == {}
+
+
+def test_cause_of_a_failure_is_the_contact_or_the_nearness():
+    touching = trace_with((0.5, 0.0), (0.9, 0.0), (0.0, 0.0), contact_s=0.85)
+    near = trace_with((0.0, 0.0), (0.7, 0.0), (0.0, 0.0))
+    for trace in (touching, near):
+        trace.columns["localization_error_m"] = np.full(len(trace), 0.9)  # which fails no run for what is near
+    verdict, _ = judged(touching)
+    assert (verdict.judgment, cause_of(touching, [verdict])) == ("fail", "contact")
+    verdict, _ = judged(near, most_intimate_share=0.5)
+    assert (verdict.judgment, cause_of(near, [verdict])) == ("fail", "too close")

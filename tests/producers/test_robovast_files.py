@@ -1,4 +1,4 @@
-"""Campaign files of RoboVAST 2: what is said of them, and what they are as version 1."""
+"""Campaign files of RoboVAST 2 as files of version 1, and the words on them."""
 
 import pytest
 import yaml

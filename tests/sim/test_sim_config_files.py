@@ -51,7 +51,7 @@ NODE = "controller_server.ros__parameters"
 
 @pytest.fixture
 def check(tmp_path):
-    """Returns what is said of a value for a path of a file with this text, as one sentence."""
+    """Return the complaint about a value for a path of a file with this text."""
 
     def complain(path, value, text=NAV2, name="nav2.yaml"):
         (file := tmp_path / name).write_text(text)
