@@ -178,7 +178,7 @@ def _draw_factor(axes: Axes, factor: FactorEffect) -> None:
         clip_on=False,
     )  # fmt: skip
     color = COLORS["fail"] if factor.matters else INK
-    means = [level.failed / max(level.runs, 1) for level in factor.levels]
+    means = [level.failed / level.runs if level.runs else np.nan for level in factor.levels]
     axes.plot(xs, means, "D-", ms=7, lw=2.4, color=color, mec="white", mew=0.8, zorder=3, clip_on=False)
     axes.set_title(_cut(factor.name, 48), fontsize=9, color=INK, loc="left", fontweight="bold", pad=9)
     ticks = xs[:: -(-len(xs) // _MOST_LABELS)]

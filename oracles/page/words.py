@@ -214,8 +214,9 @@ def difference_text(level: LevelEffect) -> str:
 
 
 def _levels_text(factor: FactorEffect) -> str:
-    """Failures of the levels, the worst first; levels that never fail, or always fail, together."""
-    worst = sorted(factor.levels, key=lambda level: -level.failed / max(level.runs, 1))
+    """Failures of the levels with runs, the worst first; levels that never fail, or always fail, together."""
+    compared = [level for level in factor.levels if level.runs] or factor.levels
+    worst = sorted(compared, key=lambda level: -level.failed / max(level.runs, 1))
     if len(worst) > 5:
         worst = [worst[0], worst[-1]]
     parts: list[str] = []

@@ -13,6 +13,7 @@ from vastflow.oracles.figures.case_figure import Case, case_figure, pair_figure,
 from vastflow.oracles.figures.charts import factor_figure
 from vastflow.oracles.figures.maps import map_figure, zone_handles
 from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.page.words import factor_text
 from vastflow.oracles.query import scene as scenes
 from vastflow.oracles.query.scene import (
     NO_ZONES,
@@ -25,6 +26,7 @@ from vastflow.oracles.query.scene import (
 )
 from vastflow.oracles.results.executed import environment_names
 from vastflow.oracles.results.tables import FAIL, PASS, read_tables
+from vastflow.oracles.results.units import Units
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.pose import Pose
@@ -258,3 +260,14 @@ def test_factor_figure_has_one_artist_for_all_situations_and_few_labels():
     assert len(lines.get_segments()) == 50
     assert len(axes.lines) == 2
     assert [each.get_text() for each in axes.get_xticklabels()] == [str(k) for k in range(0, 600, 30)]
+
+
+def test_level_without_compared_runs_has_no_point_and_no_rate_in_words():
+    claim = Claim(0.01, shown=True)
+    told = [("90", 0, 6), ("135", 0, 0), ("180", 3, 3)]
+    levels = [LevelEffect(name, failed, runs, None, None, 1, 0.5, 0.5) for name, failed, runs in told]
+    effect = FactorEffect("angle", levels, "180", "90", 1.0, claim, claim)
+    (axes,) = factor_figure([effect]).axes
+    np.testing.assert_array_equal(axes.lines[-1].get_ydata(), [0.0, np.nan, 1.0])
+    said = factor_text(effect, Units(np.arange(1), "path", "paths on this map"))
+    assert said.startswith("angle matters on this path: 180 fails 3 of 3 runs, 90 none of 6 (")
