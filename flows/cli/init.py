@@ -74,13 +74,16 @@ def _barn(
     folder: Path, data: Path | None, map_file: Path | None, nav2_params: Path | None, every: int, command: str
 ) -> dict[str, bytes]:
     from vastflow.flows.cli.barn import NAV2_SOURCE, SOURCE, barn_worlds
-    from vastflow.sim.system.system import system_kind
+    from vastflow.sim.system.keys import FILE_KEY
+    from vastflow.sim.system.system import system_kind, system_of
 
     if data is None:
         raise UserError(f"--worlds: expected a folder with the data of BARN, such as a clone of {SOURCE}, got none")
     if nav2_params is None or map_file is not None:
         raise UserError(f"--worlds: requires --params, a Nav2 file without a map such as {NAV2_SOURCE}, and no --map")
-    system_kind().file_content(nav2_params)  # refuses what is none
+    if system_of({FILE_KEY: system_kind().file_content(nav2_params)}).needs_map:
+        what = "expected a robot that drives without a map: global_costmap in odom without a static layer"
+        raise UserError(f"{nav2_params}: {what}, such as {NAV2_SOURCE}")
     worlds = barn_worlds(data, every)
     text = _rendered(
         _BARN_TEMPLATE,

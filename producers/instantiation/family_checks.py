@@ -71,10 +71,13 @@ class DataFlow:
             written = {*written, GOAL_KEY}
         missing = list(dict.fromkeys(" or ".join(group) for group in abstract.needed if written.isdisjoint(group)))
         name = abstract.name or "a navigation mission"
-        if MAP_KEY in missing and WORLD_KEY in self.fixed:
+        if MAP_KEY in missing and WORLD_KEY in written:
             missing.remove(MAP_KEY)
             unknown = f"{name} needs a map to localize on, and this world is not known to the robot"
-            yield self.document.fault(self.fixed[WORLD_KEY], unknown, f"name what it knows as {MAP_KEY}", at="key")
+            right = f"name what it knows as {MAP_KEY}, or drive a robot that needs no map"
+            fixed = self.fixed.get(WORLD_KEY)
+            where = fixed or next(link.location for link in self.links if WORLD_KEY in link.producer.writes)
+            yield self.document.fault(where, unknown, right, at="key")
         if not missing:
             return
         misnamed = [

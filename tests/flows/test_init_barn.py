@@ -20,11 +20,23 @@ from vastflow.sim.reading.checked import checked_of
 from vastflow.sim.world.world import world_at
 
 ROOT = Path(__file__).parents[2]
-NAV2 = ROOT / "campaigns" / "nav2" / "jazzy_mppi.yaml"
+NAV2 = "nav2.yaml"
+LAYERS = "plugins: [i], i: {plugin: 'nav2_costmap_2d::InflationLayer'}"
+WITHOUT_MAP = f"""\
+bt_navigator: {{ros__parameters: {{global_frame: odom}}}}
+local_costmap/local_costmap: {{ros__parameters: {{global_frame: odom, rolling_window: true, {LAYERS}}}}}
+global_costmap/global_costmap: {{ros__parameters: {{global_frame: odom, width: 40, height: 40, {LAYERS}}}}}
+"""
 BENCHMARK = ROOT.parent / "shared" / "upstream" / "barn"
 CENTERS_M = [(-4.425, 0.075), (-0.075, 9.525)]
 CELLS = [[15, 0], [15, 20], [18, 24]]
 LENGTH_M = 10.177
+
+
+@pytest.fixture(autouse=True)
+def _nav2(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / NAV2).write_text(WITHOUT_MAP)
 
 
 def packed(folder, numbers):
@@ -75,10 +87,9 @@ def test_init_barn_writes_circles_and_length_of_each_world(make, tmp_path):
 
 @each_row("changed", [False, True])
 def test_init_barn_writes_ten_runs_of_fifty_worlds(changed, tmp_path):
-    """Robots of Nav2's default file have a map."""
     initialized(tmp_path / "barn", packed(tmp_path / "data", range(0, 300, 6)))
     file = tmp_path / "barn" / "barn.vast"
-    text = file.read_text().replace("    parameters:\n", f"    parameters:\n      - map_file: {field_map(tmp_path)}\n")
+    text = file.read_text()
     if changed:
         text = re.sub(r"^      # (- OneOf|    )", r"      \1", text, flags=re.MULTILINE)
     file.write_text(text)
@@ -95,14 +106,6 @@ def test_init_barn_writes_ten_runs_of_fifty_worlds(changed, tmp_path):
             for each in made.configurations
         }
         assert asked == {(c, *[v] * (2 if c == "dwb" else 1)) for c in ("mppi", "dwb", "rpp") for v in (0.5, 2.0)}
-
-
-def field_map(folder):
-    (folder / "field.pgm").write_bytes(b"P5\n120 360\n255\n" + b"\xfe" * 120 * 360)
-    (folder / "field.yaml").write_text(
-        "image: field.pgm\nresolution: 0.05\norigin: [-5.0, -2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
-    )
-    return folder / "field.yaml"
 
 
 def test_reader_finds_cylinders_and_lengths_of_the_benchmark():
@@ -127,6 +130,7 @@ def test_reader_finds_cylinders_and_lengths_of_the_benchmark():
         (lambda folder: packed(folder, [0, 6]), ("--params", NAV2), "or a clone of .*, got no world 12"),
         (lambda folder: cloned(folder, [0], 0.1), ("--params", NAV2), "has others than cylinders of 0.075 m"),
         (lambda folder: folder, ("--params", NAV2), "got no world 0"),
+        (packed, ("--params", ROOT / "campaigns" / "nav2" / "dwb.yaml"), "dwb.yaml: expected a robot that drives without a map"),
     ],
 )  # fmt: skip
 def test_init_barn_refuses_unusable_data(data, options, message, tmp_path):

@@ -95,7 +95,17 @@ def test_mission_in_world_without_map_is_one_sentence_at_its_line(campaign, worl
     said = refused("validate", campaign(world, execution="execution: {runs: 1}\n"))
     assert said.count("c.vast:") == 1
     assert "c.vast:5:9: configuration[0].parameters[0].world: A navigation mission needs a map to localize on" in said
-    assert "Name what it knows as map_file." in said
+    assert "Name what it knows as map_file, or drive a robot that needs no map." in said
+
+
+def test_mission_in_varied_worlds_without_map_is_refused_at_producer(campaign):
+    file = campaign("posts.csv", execution="execution: {runs: 1}\n")
+    varied = "    variations:\n      - ParameterVariationList: {name: world, values: [posts.csv]}\n"
+    file.write_text(file.read_text().replace("    parameters:\n      - world: posts.csv\n    variations:\n", varied))
+    assert (
+        "c.vast:5:9: configuration[0].variations[0].ParameterVariationList: A navigation mission needs a map"
+        in refused("validate", file)
+    )
 
 
 def test_worlds_without_map_are_varied_like_any_value(campaign, tmp_path):
