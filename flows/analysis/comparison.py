@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal, TypeAlias
 
 from vastflow.flows.request.campaign_file import recorded_keys
@@ -29,8 +29,9 @@ from vastflow.oracles.statistics.comparison import (
     changes,
     difference,
 )
-from vastflow.oracles.statistics.intervals import needed
+from vastflow.oracles.statistics.intervals import mean_interval, needed
 from vastflow.oracles.statistics.measured import MetricEffect
+from vastflow.oracles.statistics.sequential import interval_at_any_look, needed_at_any_look
 from vastflow.producers.campaign_file.document import Document, read_document
 from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.names import did_you_mean
@@ -144,6 +145,7 @@ Status: TypeAlias = Literal[
     "nothing changed",
     "ruled out",
     "not ruled out",
+    "undecided",
     "loss shown",
     "too few paths",
     "unequal",
@@ -165,6 +167,7 @@ class Gate:
         margin: Accepted loss, as a share of the runs.
         new_faults: Faults of the candidate in configurations without a fault in the baseline.
         same_keys: Whether both campaigns were computed from equal scenarios by equal code.
+        until_decided: Whether the runs ended by what they showed; the interval then holds at every look.
     """
 
     pairing: Pairing = field(repr=False)
@@ -175,11 +178,12 @@ class Gate:
     oracle: str | None
     new_faults: int
     same_keys: bool
+    until_decided: bool = False
 
     @property
     def needed(self) -> int | None:
         """Unchanged pairs, or units for others, that rule out the margin; None if no number does."""
-        return needed(self.margin)
+        return needed_at_any_look(self.margin) if self.until_decided else needed(self.margin)
 
     @property
     def holds(self) -> bool:
@@ -189,11 +193,11 @@ class Gate:
     @property
     def exit_code(self) -> int:
         """0 if the gate holds, 4 if it can't be claimed, and 1 if it does not hold."""
-        return 0 if self.holds else 4 if self.status == "too few paths" else 1
+        return 0 if self.holds else 4 if self.status in ("too few paths", "undecided") else 1
 
     @cached_property
     def status(self) -> Status:
-        """The gate holds for `nothing changed` and `ruled out`, and can't be claimed for `too few paths`."""
+        """The gate holds for `nothing changed` and `ruled out`, and can't be claimed for `too few paths` and `undecided`."""
         if self.new_faults:
             return "new faults"
         if self.pairing.refused:
@@ -208,7 +212,9 @@ class Gate:
             return "too few paths"
         if self.whole.non_inferior(self.margin):
             return "ruled out"
-        return "loss shown" if self.whole.interval[1] < 0.0 else "not ruled out"
+        if self.whole.interval[1] < 0.0:
+            return "loss shown"
+        return "undecided" if self.until_decided else "not ruled out"
 
     @property
     def text(self) -> str:
@@ -240,11 +246,11 @@ class Gate:
             case "loss shown":
                 low, high = (f"{-100 * end:.3g}" for end in reversed(self.whole.interval))
                 why = f"a loss of {low} to {high} points in {about} is shown, the margin is {100 * self.margin:g}"
-            case "not ruled out":
-                why = f"{loss} in {about} is not ruled out {end}"
+            case "not ruled out" | "undecided":
+                why = f"{loss} in {about} is not ruled out{', nor is a loss shown' * self.until_decided} {end}"
                 if self.target == "these" and self.needed is not None and self.whole.pairs < self.needed:
                     why += f", and it takes {self.needed:,} pairs without a change"
-        return f"gate does not hold: {why}"
+        return f"gate {'is undecided' if self.status == 'undecided' else 'does not hold'}: {why}"
 
     @property
     def _no_longer_judged(self) -> int:
@@ -285,9 +291,14 @@ class Compared:
 
 
 def compared(
-    before: Tables, after: Tables, oracle: str | None = None, margin: float = 0.02, target: Target = "these"
+    before: Tables,
+    after: Tables,
+    oracle: str | None = None,
+    margin: float = 0.02,
+    target: Target = "these",
+    until_decided: bool = False,
 ) -> Compared:
-    """Compare two campaigns, see `Gate` for `margin` and `target`.
+    """Compare two campaigns, see `Gate` for `margin`, `target`, and `until_decided`.
 
     Raises:
         UnusableDirectory: an unknown oracle, or no pair of runs that was judged both times.
@@ -297,10 +308,12 @@ def compared(
         hint = did_you_mean(oracle, pairing.oracles, "both have none")
         raise UnusableDirectory(f"--oracle: {message_of(f'no oracle {oracle!r} judged both campaigns', hint)}")
     pairs = pairing.pairs(oracle)
-    whole = difference(pairs, target)
+    interval_of = interval_at_any_look if until_decided else mean_interval
+    differ = partial(difference, target=target, interval_of=interval_of)
+    whole = differ(pairs)
     if whole is None:
         raise UnusableDirectory(f"{before.directory} and {after.directory}: nothing to compare: {_why(pairing)}")
-    each = {name: found for name in pairing.oracles if (found := difference(pairing.pairs(name), target)) is not None}
+    each = {name: found for name in pairing.oracles if (found := differ(pairing.pairs(name))) is not None}
     table = after.configurations
     maps = environment_names(after.directory, table.environments)
     places = {name: k for k, name in enumerate(table.names)}
@@ -322,9 +335,9 @@ def compared(
         oracle=oracle,
         whole=whole,
         oracles=each,
-        changes=changes(pairs),
-        levels=by_level(factors, pairs, target),
-        gate=Gate(pairing, whole, target, after.units, margin, oracle, new_faults, same_keys),
+        changes=changes(pairs, 0.0 if until_decided else 0.05),
+        levels=by_level(factors, pairs, target, interval_of),
+        gate=Gate(pairing, whole, target, after.units, margin, oracle, new_faults, same_keys, until_decided),
         differences=differences(before, after, pairing),
         campaign_differences=campaign_changes(before.metadata, after.metadata, before.directory),
         headlines=(headline_of(before).text, headline_of(after).text),

@@ -250,7 +250,7 @@ def compared_report(found: Compared) -> bytes:
     }
     gate = found.gate
     stated |= {"target": gate.target, "status": gate.status, "paths": str(whole.paths), "needed": str(gate.needed)}
-    flaw = None if gate.holds else Flaw("error" if gate.status == "too few paths" else "failure", gate.text)
+    flaw = None if gate.holds else Flaw("error" if gate.exit_code == 4 else "failure", gate.text)
     case = Case("non-inferiority", "comparison", 0.0, properties=stated, flaw=flaw)
     changed = {change.configuration: change for change in found.changes}
     cases = []

@@ -1,7 +1,7 @@
 """Comparison of two campaigns with paired runs."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -17,6 +17,8 @@ Bools = NDArray[np.bool_]
 Codes = NDArray[np.int64]
 Target: TypeAlias = Literal["these", "others"]
 """Scope of a difference: these scenarios, run again, or others of their kind."""
+IntervalOf: TypeAlias = Callable[[ArrayLike, float], tuple[float, float]]
+"""Interval of the mean of independent values within -1..1, at a level."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,11 +125,13 @@ def mcnemar(lost: ArrayLike, gained: ArrayLike) -> Floats:
     return p_values
 
 
-def difference(pairs: Pairs, target: Target = "these", level: float = LEVEL) -> RateDifference | None:
+def difference(
+    pairs: Pairs, target: Target = "these", level: float = LEVEL, interval_of: IntervalOf = mean_interval
+) -> RateDifference | None:
     """The difference of all `pairs`; None without any.
 
     A gained pair counts +1, a lost one -1, others 0. For `these` scenarios pairs are independent, and the interval is that of their mean
-    (`mean_interval`); for `others` each path is one draw, the mean of its pairs.
+    (`interval_of`); for `others` each path is one draw, the mean of its pairs.
 
     The p-value has blocks as clusters, or configurations for one block: V = m/(m - 1) Σ (d_i - D n_i)² / N² over the m sums d_i of n_i pairs
     (ratio estimator, Cochran 1977, §6.3), with Student's t at m - 1 degrees of freedom. V is no less than that of Agresti and Min for
@@ -150,7 +154,7 @@ def difference(pairs: Pairs, target: Target = "these", level: float = LEVEL) -> 
         before=float(pairs.before.mean()),
         after=float(pairs.after.mean()),
         difference=float(drawn.mean()),
-        interval=mean_interval(drawn, level),
+        interval=interval_of(drawn, level),
         mcnemar=float(mcnemar(lost, gained)),
         p_value=_p_value(pairs, change),
     )
@@ -194,13 +198,15 @@ def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
     return sorted(found, key=lambda one: (one.adjusted, one.p_value, -abs(one.after - one.before), one.configuration))
 
 
-def by_level(factors: Sequence[Factor], pairs: Pairs, target: Target = "these") -> list[LevelDifference]:
+def by_level(
+    factors: Sequence[Factor], pairs: Pairs, target: Target = "these", interval_of: IntervalOf = mean_interval
+) -> list[LevelDifference]:
     """The difference at each level of each factor, given its codes (m,) by configuration."""
     found = [
-        (factor.name, name, found)
+        (factor.name, name, one)
         for factor in factors
         for k, name in enumerate(factor.levels)
-        if (found := difference(pairs.of(factor.codes[pairs.configuration] == k), target)) is not None
+        if (one := difference(pairs.of(factor.codes[pairs.configuration] == k), target, LEVEL, interval_of)) is not None
     ]
     adjusted = holm([one.mcnemar if target == "these" else one.p_value for _, _, one in found])
     return [LevelDifference(*row, p) for row, p in zip(found, adjusted, strict=True)]
