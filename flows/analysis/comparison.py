@@ -29,9 +29,8 @@ from vastflow.oracles.statistics.comparison import (
     changes,
     difference,
 )
-from vastflow.oracles.statistics.intervals import mean_interval, needed
+from vastflow.oracles.statistics.intervals import needed
 from vastflow.oracles.statistics.measured import MetricEffect
-from vastflow.oracles.statistics.sequential import interval_at_any_look, needed_at_any_look
 from vastflow.producers.campaign_file.document import Document, read_document
 from vastflow.sim.model.faults import message_of
 from vastflow.sim.model.names import did_you_mean
@@ -182,8 +181,8 @@ class Gate:
 
     @property
     def needed(self) -> int | None:
-        """Unchanged pairs, or units for others, that rule out the margin; None if no number does."""
-        return needed_at_any_look(self.margin) if self.until_decided else needed(self.margin)
+        """Unchanged pairs, or units for others, that rule out the margin; None if no fixed number does."""
+        return None if self.until_decided else needed(self.margin)
 
     @property
     def holds(self) -> bool:
@@ -308,8 +307,7 @@ def compared(
         hint = did_you_mean(oracle, pairing.oracles, "both have none")
         raise UnusableDirectory(f"--oracle: {message_of(f'no oracle {oracle!r} judged both campaigns', hint)}")
     pairs = pairing.pairs(oracle)
-    interval_of = interval_at_any_look if until_decided else mean_interval
-    differ = partial(difference, target=target, interval_of=interval_of)
+    differ = partial(difference, target=target, at_any_look=until_decided)
     whole = differ(pairs)
     if whole is None:
         raise UnusableDirectory(f"{before.directory} and {after.directory}: nothing to compare: {_why(pairing)}")
@@ -336,7 +334,7 @@ def compared(
         whole=whole,
         oracles=each,
         changes=changes(pairs, 0.0 if until_decided else 0.05),
-        levels=by_level(factors, pairs, target, interval_of),
+        levels=by_level(factors, pairs, target, at_any_look=until_decided),
         gate=Gate(pairing, whole, target, after.units, margin, oracle, new_faults, same_keys, until_decided),
         differences=differences(before, after, pairing),
         campaign_differences=campaign_changes(before.metadata, after.metadata, before.directory),

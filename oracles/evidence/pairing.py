@@ -40,6 +40,7 @@ class Pairing:
         other_seeds: Number of lonely runs up to the other's last run of the configuration: it has their numbers, with other seeds.
         block: (M,) unit of each match, see `Units`.
         configuration: (P,) index into `matches`.
+        seed: (P,) equal numbers for pairs of one seed.
         run_before, run_after: (P,) run index.
         row_before, row_after: (P,) row in each campaign's table of verdicts.
         said_before, said_after: (P, oracles) codes of judgments.
@@ -55,6 +56,7 @@ class Pairing:
     other_seeds: int
     block: NDArray[np.int64] = field(repr=False)
     configuration: NDArray[np.int64] = field(repr=False)
+    seed: NDArray[np.int64] = field(repr=False)
     run_before: NDArray[np.int64] = field(repr=False)
     run_after: NDArray[np.int64] = field(repr=False)
     row_before: NDArray[np.int64] = field(repr=False)
@@ -99,7 +101,7 @@ class Pairing:
         before, after = self.judged(oracle)
         both = (before < NOT_JUDGED) & (after < NOT_JUDGED)
         chosen = self.configuration[both]
-        return Pairs(chosen, before[both] == PASS, after[both] == PASS, self.block[chosen])
+        return Pairs(chosen, before[both] == PASS, after[both] == PASS, self.block[chosen], self.seed[both])
 
 
 def pairing_of(before: Tables, after: Tables) -> Pairing:
@@ -129,6 +131,7 @@ def pairing_of(before: Tables, after: Tables) -> Pairing:
         other_seeds=sum(_other_seeds(side, other, common.assign(run_index=index)) for side, other, index in sides),
         block=np.array([after.blocks[match.after] for match in matches], dtype=np.int64),
         configuration=paired["match"].to_numpy(np.int64),
+        seed=np.unique(paired["seed"].to_numpy(str), return_inverse=True)[1],
         run_before=paired["run_index_before"].to_numpy(np.int64),
         run_after=paired["run_index_after"].to_numpy(np.int64),
         row_before=row_before,

@@ -1,7 +1,7 @@
 """Comparison of two campaigns with paired runs."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -11,14 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from vastflow.oracles.results.factors import Factor
 from vastflow.oracles.statistics.analysis import holm
 from vastflow.oracles.statistics.intervals import LEVEL, Floats, mean_interval
+from vastflow.oracles.statistics.sequential import interval_at_any_look
 from vastflow.oracles.statistics.tails import binomial_at_most, false_discovery
 
 Bools = NDArray[np.bool_]
 Codes = NDArray[np.int64]
 Target: TypeAlias = Literal["these", "others"]
 """Scope of a difference: these scenarios, run again, or others of their kind."""
-IntervalOf: TypeAlias = Callable[[ArrayLike, float], tuple[float, float]]
-"""Interval of the mean of independent values within -1..1, at a level."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,19 +28,21 @@ class Pairs:
         configuration: (P,) number of the pair's configuration.
         before, after: (P,) whether the run of each campaign passed.
         block: (P,) number of its block, see `Units`; by default each configuration is one.
+        seed: (P,) equal numbers for pairs of one seed, which share their noise; by default none do.
     """
 
     configuration: Codes = field(repr=False)
     before: Bools = field(repr=False)
     after: Bools = field(repr=False)
     block: Codes | None = field(default=None, repr=False)
+    seed: Codes | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.configuration)
 
     def of(self, chosen: Bools) -> "Pairs":
-        block = None if self.block is None else self.block[chosen]
-        return Pairs(self.configuration[chosen], self.before[chosen], self.after[chosen], block)
+        block, seed = (None if each is None else each[chosen] for each in (self.block, self.seed))
+        return Pairs(self.configuration[chosen], self.before[chosen], self.after[chosen], block, seed)
 
     @property
     def paths(self) -> Codes:
@@ -126,12 +127,13 @@ def mcnemar(lost: ArrayLike, gained: ArrayLike) -> Floats:
 
 
 def difference(
-    pairs: Pairs, target: Target = "these", level: float = LEVEL, interval_of: IntervalOf = mean_interval
+    pairs: Pairs, target: Target = "these", level: float = LEVEL, *, at_any_look: bool = False
 ) -> RateDifference | None:
     """The difference of all `pairs`; None without any.
 
     A gained pair counts +1, a lost one -1, others 0. For `these` scenarios pairs are independent, and the interval is that of their mean
-    (`interval_of`); for `others` each path is one draw, the mean of its pairs.
+    (`mean_interval`); for `others` each path is one draw, the mean of its pairs. `at_any_look` gives the interval for these scenarios that
+    holds although the runs ended by what they showed.
 
     The p-value has blocks as clusters, or configurations for one block: V = m/(m - 1) Σ (d_i - D n_i)² / N² over the m sums d_i of n_i pairs
     (ratio estimator, Cochran 1977, §6.3), with Student's t at m - 1 degrees of freedom. V is no less than that of Agresti and Min for
@@ -154,7 +156,7 @@ def difference(
         before=float(pairs.before.mean()),
         after=float(pairs.after.mean()),
         difference=float(drawn.mean()),
-        interval=interval_of(drawn, level),
+        interval=interval_at_any_look(change, pairs.seed, level) if at_any_look else mean_interval(drawn, level),
         mcnemar=float(mcnemar(lost, gained)),
         p_value=_p_value(pairs, change),
     )
@@ -199,14 +201,15 @@ def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
 
 
 def by_level(
-    factors: Sequence[Factor], pairs: Pairs, target: Target = "these", interval_of: IntervalOf = mean_interval
+    factors: Sequence[Factor], pairs: Pairs, target: Target = "these", *, at_any_look: bool = False
 ) -> list[LevelDifference]:
     """The difference at each level of each factor, given its codes (m,) by configuration."""
     found = [
         (factor.name, name, one)
         for factor in factors
         for k, name in enumerate(factor.levels)
-        if (one := difference(pairs.of(factor.codes[pairs.configuration] == k), target, LEVEL, interval_of)) is not None
+        if (one := difference(pairs.of(factor.codes[pairs.configuration] == k), target, at_any_look=at_any_look))
+        is not None
     ]
     adjusted = holm([one.mcnemar if target == "these" else one.p_value for _, _, one in found])
     return [LevelDifference(*row, p) for row, p in zip(found, adjusted, strict=True)]

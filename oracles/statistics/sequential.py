@@ -4,15 +4,15 @@ A mean within -1..1 is tested by betting (Waudby-Smith and Ramdas, "Estimating m
 (2024) 1). Against "the mean is at most δ", a wealth of 1 is multiplied by 1 + λ (x - δ) for each value x. With one λ in 0..1/(1 + δ), its
 expectation never grows: a round has one value of each configuration, independent and with means μ_i, so it multiplies the expectation by
 Π (1 + λ (μ_i - δ)) ≤ (1 + λ (mean of μ_i - δ))^m ≤ 1, the arithmetic mean being no less than the geometric one. The configurations' means need
-not be equal. Such a wealth ever reaches 1/α with probability α at most (Ville, Étude critique de la notion de collectif, 1939), whatever
-decides when the rounds end. The same holds for a mixture of several λ, one of which bets well whether few or many values differ.
+not be equal. Values that depend on each other are one bet on their sum, and λ is smaller by the most values of a bet, which keeps the bound. Such
+a wealth ever reaches 1/α with probability α at most (Ville, Étude critique de la notion de collectif, 1939), whatever decides when the
+rounds end. The same holds for a mixture of several λ, one of which bets well whether few or many values differ.
 
 The interval has the δ against which neither side has reached 1/α. Whatever is read from it, for any margin, is wrong only where the interval
 misses the mean: together with probability 1 - level at most.
 """
 
 import math
-from bisect import bisect_left
 from typing import Final
 
 import numpy as np
@@ -27,8 +27,14 @@ _LOG_SHARES: Final = -np.log1p(np.arange(7)) - math.log((1.0 / (1.0 + np.arange(
 _STEPS: Final = 50
 
 
-def interval_at_any_look(values: ArrayLike, level: float = LEVEL) -> tuple[float, float]:
-    """Interval of the mean of a quantity within -1..1, from whole rounds of independent `values`, after any round.
+def interval_at_any_look(
+    values: ArrayLike, noise: ArrayLike | None = None, level: float = LEVEL
+) -> tuple[float, float]:
+    """Interval of the mean of a quantity within -1..1, after any number of whole rounds.
+
+    Args:
+        values: (P,) one value of each configuration in each round.
+        noise: (P,) equal numbers for values that share their noise, such as those of one seed; by default all are independent.
 
     Raises:
         ValueError: a value beyond -1..1, or no value.
@@ -36,37 +42,34 @@ def interval_at_any_look(values: ArrayLike, level: float = LEVEL) -> tuple[float
     x = np.asarray(values, dtype=np.float64)
     if not len(x) or not (np.abs(x) <= 1.0 + 1e-12).all():
         raise ValueError(f"expected values within -1..1, got {x.tolist()[:5]}")
-    at, times = np.unique(x, return_counts=True)
+    _, of = np.unique(np.arange(len(x)) if noise is None else noise, return_inverse=True)
+    sums, sizes = np.bincount(of, weights=x), np.bincount(of)
+    (sums, sizes), times = np.unique((sums, sizes), axis=1, return_counts=True)
     threshold = math.log(2.0 / (1.0 - level))
-    return _lower(at, times, threshold), -_lower(-at, times, threshold)
+    return _lower(sums, sizes, times, threshold), -_lower(-sums, sizes, times, threshold)
 
 
-def needed_at_any_look(margin: float, level: float = LEVEL) -> int | None:
-    """Number of values, all 0, after which a mean of -`margin` is ruled out; None where no number does."""
-    if margin <= 0.0:
-        return None
-    if margin >= 1.0:
-        return 1
-    threshold = math.log(2.0 / (1.0 - level))
-    most = math.ceil((threshold - _LOG_SHARES[0]) / -math.log1p(-margin))
-    return bisect_left(range(most), threshold, key=lambda n: log_wealth([0.0], [n], -margin))
+def log_wealth(sums: ArrayLike, sizes: ArrayLike, times: ArrayLike, bound: float) -> Floats:
+    """Logarithms (*S) of the wealth against a mean of at most `bound`.
+
+    Args:
+        sums, sizes: (V,) different bets: the sum of each one's values, and how many they are.
+        times: (*S, V) how often each was made.
+    """
+    gains = (np.asarray(sums) - bound * np.asarray(sizes)) / np.max(sizes)
+    factors = 1.0 + np.multiply.outer(gains, _BETS / (1.0 + bound))
+    logs = np.log(np.maximum(factors, np.finfo(np.float64).tiny))  # all of it may be lost
+    return np.asarray(np.logaddexp.reduce(np.asarray(times, dtype=np.float64) @ logs + _LOG_SHARES, axis=-1))
 
 
-def log_wealth(at: ArrayLike, times: ArrayLike, bound: float) -> float:
-    """Logarithm of the wealth against a mean of at most `bound`, after the values `at`, each so many `times`."""
-    gains: Floats = 1.0 + np.multiply.outer(_BETS / (1.0 + bound), np.asarray(at) - bound)
-    logs = np.log(np.maximum(gains, np.finfo(np.float64).tiny))  # all of it may be lost
-    return float(np.logaddexp.reduce(_LOG_SHARES + logs @ np.asarray(times, dtype=np.float64)))
-
-
-def _lower(at: Floats, times: NDArray[np.int64], threshold: float) -> float:
+def _lower(sums: Floats, sizes: Floats, times: NDArray[np.int64], threshold: float) -> float:
     """Largest bound that is excluded.
 
     The wealth falls as the bound rises, and is at most 1 at the mean.
     """
-    low, high = -1.0, float(np.average(at, weights=times))
+    low, high = -1.0, float(times @ sums / (times @ sizes))
     for _ in range(_STEPS):
         middle = (low + high) / 2.0
-        excluded = middle > -1.0 and log_wealth(at, times, middle) >= threshold
+        excluded = middle > -1.0 and log_wealth(sums, sizes, times, middle) >= threshold
         low, high = (middle, high) if excluded else (low, middle)
     return low

@@ -7,47 +7,47 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.oracles.statistics.intervals import mean_interval, needed
-from vastflow.oracles.statistics.sequential import interval_at_any_look, log_wealth, needed_at_any_look
+from vastflow.oracles.statistics.intervals import mean_interval
+from vastflow.oracles.statistics.sequential import interval_at_any_look, log_wealth
 
 SHARES = st.tuples(*[st.floats(0.01, 1.0)] * 3).map(lambda each: np.array(each) / sum(each))
 """Probabilities of a lost pair, of one that ends alike, and of a gained one."""
+VALUES = (-1.0, 0.0, 1.0)
 
 
-@given(st.lists(SHARES, min_size=1, max_size=3), st.integers(1, 2))
-def test_wealth_never_grows_in_expectation_for_unequal_configurations(configurations, rounds):
-    chances = configurations * rounds
-    bound = float(np.mean([share @ (-1, 0, 1) for share in configurations]))
+@given(st.lists(st.tuples(SHARES, st.integers(1, 4)), min_size=1, max_size=3), st.integers(1, 2))
+def test_wealth_never_grows_in_expectation_for_unequal_configurations(seeds, rounds):
+    bets, sizes = seeds * rounds, np.array([size for _, size in seeds * rounds])
+    bound = sum(size * (share @ (-1, 0, 1)) for share, size in seeds) / sum(size for _, size in seeds)
     expected = 0.0
-    for outcome in product(range(3), repeat=len(chances)):
-        chance = np.prod([share[k] for share, k in zip(chances, outcome, strict=True)])
-        expected += chance * np.exp(log_wealth(np.array(outcome) - 1.0, np.ones(len(outcome)), bound))
+    for outcome in product(range(3), repeat=len(bets)):
+        chance = np.prod([share[k] for (share, _), k in zip(bets, outcome, strict=True)])
+        sums = sizes * (np.array(outcome) - 1.0)
+        expected += chance * np.exp(log_wealth(sums, sizes, np.ones(len(sums)), bound))
     assert expected <= 1.0 + 1e-9
 
 
-def test_wealth_is_expected_to_grow_where_the_mean_is_higher():
+def test_wealth_grows_in_expectation_where_the_mean_is_higher():
     pairs = list(product((-1, 0, 1), repeat=2))
     chances = [np.prod([{-1: 0.1, 0: 0.5, 1: 0.4}[value] for value in pair]) for pair in pairs]
-    assert sum(p * np.exp(log_wealth(pair, [1, 1], 0.2)) for p, pair in zip(chances, pairs, strict=True)) > 1.01
+    wealth = [np.exp(log_wealth(pair, (1, 1), (1, 1), 0.2)) for pair in pairs]
+    assert np.dot(chances, wealth) > 1.01
 
 
-@pytest.mark.parametrize("shares", [(0.2, 0.6, 0.2), (0.02, 0.96, 0.02), (0.5, 0.0, 0.5), (0.02, 0.98, 0.0)])
+@pytest.mark.parametrize("shares", [(0.2, 0.6, 0.2), (0.02, 0.96, 0.02), (0.5, 0.0, 0.5), (0.05, 0.95, 0.0)])
 def test_wealth_ever_excludes_the_mean_in_one_of_40_cases_at_most(shares):
-    lost, alike, gained = shares
-    going, wrong = {(0, 0): 1.0}, 0.0
-    for look in range(1, 81):
-        after: dict[tuple[int, int], float] = {}
-        for (down, up), chance in going.items():
-            for state, share in (((down + 1, up), lost), ((down, up), alike), ((down, up + 1), gained)):
-                after[state] = after.get(state, 0.0) + chance * share
-        excluded = {
-            (down, up)
-            for down, up in after
-            if log_wealth((-1, 0, 1), (down, look - down - up, up), gained - lost) >= np.log(40)
-        }
-        wrong += sum(after[state] for state in excluded)
-        going = {state: chance for state, chance in after.items() if state not in excluded}
-    assert 0.0 <= wrong <= 0.025
+    mean, wrong, going = shares[2] - shares[0], 0.0, np.ones((1, 1))
+    for look in range(1, 121):
+        after = np.zeros((look + 1, look + 1))
+        after[1:, :-1] += shares[0] * going
+        after[:-1, :-1] += shares[1] * going
+        after[:-1, 1:] += shares[2] * going
+        lost, gained = np.indices(after.shape)
+        alike = np.maximum(look - lost - gained, 0)
+        excluded = log_wealth(VALUES, (1, 1, 1), np.stack((lost, alike, gained), axis=-1), mean) >= np.log(40)
+        wrong += after[excluded].sum()
+        going = np.where(excluded, 0.0, after)
+    assert 0.001 < wrong <= 0.025
 
 
 @given(st.lists(st.sampled_from((-1.0, -0.5, 0.0, 1.0)), min_size=1, max_size=60))
@@ -59,7 +59,7 @@ def test_interval_has_the_mean_and_is_mirrored(values):
 
 @given(st.lists(st.sampled_from((-1.0, 0.0, 1.0)), min_size=1, max_size=80), st.floats(-0.9, 0.9))
 def test_interval_ends_where_the_wealth_against_a_bound_is_40(values, bound):
-    excluded = log_wealth(values, np.ones(len(values)), bound) >= np.log(40)
+    excluded = log_wealth(values, np.ones(len(values)), np.ones(len(values)), bound) >= np.log(40)
     assert excluded == (interval_at_any_look(values)[0] > bound)
 
 
@@ -69,12 +69,17 @@ def test_interval_is_wider_than_that_of_a_fixed_number_of_runs():
     assert low < fixed[0] < fixed[1] < high
 
 
-def test_needed_pairs_without_a_change_rule_out_the_margin():
-    for margin in (0.005, 0.02, 0.1, 0.5):
-        least = needed_at_any_look(margin)
-        assert interval_at_any_look([0.0] * least)[0] > -margin >= interval_at_any_look([0.0] * (least - 1))[0]
-        assert needed(margin) < least < 1.5 * needed(margin)
-    assert (needed_at_any_look(0.0), needed_at_any_look(1.0)) == (None, 1)
+def test_interval_rules_out_a_loss_of_two_points_after_227_seeds_without_a_change():
+    assert interval_at_any_look([0.0] * 227)[0] > -0.02 > interval_at_any_look([0.0] * 226)[0]
+    assert interval_at_any_look([0.0] * 908, np.arange(908) // 4)[0] > -0.02
+    assert interval_at_any_look([0.0] * 904, np.arange(904) // 4)[0] < -0.02
+
+
+@given(st.lists(st.sampled_from(VALUES), min_size=1, max_size=40), st.integers(2, 4))
+def test_interval_learns_nothing_from_copies_with_the_same_noise(values, copies):
+    alone = interval_at_any_look(values)
+    copied = interval_at_any_look(np.repeat(values, copies), np.repeat(np.arange(len(values)), copies))
+    assert copied == pytest.approx(alone, abs=1e-9)
 
 
 @pytest.mark.parametrize("values", [[], [0.0, 1.5], [float("nan")]])
