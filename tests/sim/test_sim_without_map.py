@@ -128,6 +128,26 @@ def test_refusals_without_map_have_nav2s_words(changed, words):
         read(**changed)
 
 
+@each_row(
+    ("node", "text", "words"),
+    [
+        ("local", "global_frame: map", "A local_costmap in 'map' is not modeled on a map. Expected odom"),
+        ("local", "global_frame: world", "local_costmap because transform from base_link to world did not become available"),
+        ("local", "rolling_window: false, PLUGINS", "A local_costmap that stays and has a static layer is not modeled. Expected true"),
+        ("global", "rolling_window: true, PLUGINS", "A global_costmap that rolls and has a static layer is not modeled. Expected false"),
+        ("global", "global_frame: robot/odom, PLUGINS", "A global_costmap in 'robot/odom' is not modeled on a map. Expected map"),
+        ("global", "global_frame: world, PLUGINS", "global_costmap because transform from base_link to world did not become available"),
+    ],
+)  # fmt: skip
+def test_file_that_would_drive_otherwise_on_a_map_is_refused(node, text, words):
+    nodes = dict.fromkeys(["bt_navigator", "local_costmap__local_costmap", "global_costmap__global_costmap"])
+    nodes[f"{node}_costmap__{node}_costmap"] = text.replace(
+        "PLUGINS", "plugins: [s], s: {plugin: 'nav2_costmap_2d::StaticLayer'}"
+    )
+    with pytest.raises(FileError, match=words):
+        read(**nodes)
+
+
 def test_amcl_of_a_file_has_no_effect_without_a_map():
     found = read(amcl="max_particles: 3000", bt_navigator="global_frame: map")
     assert [each.status for each in findings(found) if each.path[0] == "amcl"] == ["no effect"]

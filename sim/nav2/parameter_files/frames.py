@@ -1,5 +1,7 @@
 """Frames of a parameter file: whether the robot drives without a map, and what Nav2 refuses then."""
 
+import operator
+from collections.abc import Mapping
 from typing import Final
 
 from vastflow.sim.model.parameter import ParameterLocation
@@ -21,17 +23,16 @@ def frame_of(reader: Reader, node: ParameterLocation) -> str:
 def without_map(reader: Reader, parts: Parts) -> bool:
     """Return whether the robot drives without a map, and report what Nav2 refuses then, in its words.
 
-    That is so where the global costmap has no static layer, and its frame is odometry's.
+    That is so where the global costmap has no static layer, and its frame is odometry's. On a map, what is not modeled is refused.
     """
     costmap, document = parts.get("global_costmap"), reader.document
-    if reader.faults or not isinstance(costmap, Costmap) or costmap.sized_by_map:
+    if reader.faults or not isinstance(costmap, Costmap):
         return False
     nodes = {
         name: document.node(name, name) or (name, name, PARAMETERS) for name in ("global_costmap", "local_costmap")
     }
     if not costmap.in_odom:
-        if not frame_of(reader, nodes["global_costmap"]).endswith("map"):
-            _not_activated(reader, nodes["global_costmap"], "map or odom")
+        _check_on_map(reader, nodes, parts)
         return False
     amcl = document.node("amcl")
     localizer = amcl or ("amcl", PARAMETERS)
@@ -52,6 +53,25 @@ def without_map(reader: Reader, parts: Parts) -> bool:
         elif kind in ("KeepoutFilter", "SpeedFilter") and place not in reader.unused:
             reader.fault(place, "a mask without a map's frame is not modeled", "remove the filter")
     return True
+
+
+def _check_on_map(reader: Reader, nodes: Mapping[str, ParameterLocation], parts: Parts) -> None:
+    """Report frames and windows that Nav2 refuses on a map, or drives with otherwise."""
+    values = reader.document.values
+    for name, right, field, rolls in (
+        ("global_costmap", "map", "sized_by_map", False),
+        ("local_costmap", "odom", "static_layer.enabled", True),
+    ):
+        frame, rolling = (*nodes[name], FRAME), (*nodes[name], "rolling_window")
+        if values.get(rolling, rolls) is not rolls and operator.attrgetter(field)(parts[name]):
+            what = f"a {name} that {'stays' if rolls else 'rolls'} and has a static layer is not modeled"
+            reader.fault(rolling, what, f"expected {str(rolls).lower()}")
+        if (asked := str(values.get(frame, right))).endswith(right):
+            continue
+        if asked.endswith(("map", "odom")):
+            reader.fault(frame, f"a {name} in {shown(asked)} is not modeled on a map", f"expected {right}")
+        else:
+            _not_activated(reader, nodes[name], right)
 
 
 def _not_activated(reader: Reader, node: ParameterLocation, right: str) -> None:
