@@ -16,6 +16,7 @@ from vastflow.oracles.observation.goals import missed_goals
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import CLEARANCES, Reference, Trace
 from vastflow.sim.model.elementary import hypots
+from vastflow.sim.model.pose import Pose, seen_from
 
 MAX_FREQUENCY_HZ: Final = 10.0
 AMPLITUDE: Final = 0.05
@@ -62,9 +63,11 @@ class NavigationParameters(Parameters):
 
     Attributes:
         stop_s: For how long the robot stands, at least, where that is a stop (s).
+        near_m: Clearance up to which the robot is near obstacles (m); MRPB's safety distance, which its user sets.
     """
 
     stop_s: float = Field(default=0.5, ge=0)
+    near_m: float = Field(default=0.3, ge=0)
 
 
 class Navigation(Oracle[NavigationParameters]):
@@ -86,6 +89,14 @@ class Navigation(Oracle[NavigationParameters]):
     - `stops` (1): times the robot stood for `stop_s` or more between driving and driving; the waits before the first
       motion and after the last are none. `stopped_time` (s): of all of them.
 
+    - `final_x`, `final_y` (m), and `final_yaw` (rad): the true final pose seen from the last goal, x ahead and y to the left, with S = 1.
+
+    Three more are those of MRPB (Wen et al., "MRPB 1.0: A unified benchmark for the evaluation of mobile robot local planning approaches",
+    ICRA 2021), over the rows of the recording, 0.1 s apart, where the benchmark has the calls of the controller:
+    - `near_obstacles` (1): its p_o, the share of the time between rows at which the clearance is `near_m` at most at both.
+    - `path_smoothness` (m²): its f_ps, Σ |Δx_{i+1} - Δx_i|² of the true positions, which are recorded in whole millimeters.
+    - `velocity_smoothness` (m/s²): its f_vs, the mean of |v_{i+1} - v_i| / (t_{i+1} - t_i) of the true speed v.
+
     One that can't be had has no value: the first two without a reference path, all but the recoveries without rows.
     """
 
@@ -100,6 +111,12 @@ class Navigation(Oracle[NavigationParameters]):
         "recoveries": "1",
         "stops": "1",
         "stopped_time": "s",
+        "near_obstacles": "1",
+        "path_smoothness": "m²",
+        "velocity_smoothness": "m/s²",
+        "final_x": "m",
+        "final_y": "m",
+        "final_yaw": "rad",
     }
 
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
@@ -117,11 +134,25 @@ class Navigation(Oracle[NavigationParameters]):
         if arrived and situation.goals:
             reached = trace.events("goal_reached")
             metrics["time_to_goal"] = reached[-1].t_s if reached else trace.run.simulated_s
-        clearances_m = [float(trace[name].min()) for name in _CLEARANCES if name in trace.columns]
-        clearance_m = min(clearances_m, default=np.inf)
-        metrics["minimum_clearance"] = clearance_m if np.isfinite(clearance_m) else None
+            if "yaw_rad" in trace.columns:
+                end = seen_from(
+                    Pose(*(float(trace[name][-1]) for name in ("x_m", "y_m", "yaw_rad"))), situation.goals[-1]
+                )
+                metrics |= {"final_x": end.x_m, "final_y": end.y_m, "final_yaw": math.remainder(end.yaw_rad, math.tau)}
+        steps_s = np.diff(trace["t_s"])
+        if clearances_m := [trace[name] for name in _CLEARANCES if name in trace.columns]:
+            clearance_m = np.min(clearances_m, axis=0)
+            metrics["minimum_clearance"] = float(clearance_m.min()) if np.isfinite(clearance_m.min()) else None
+            if steps_s.any():
+                near = np.round(clearance_m, 9) <= self.parameters.near_m
+                metrics["near_obstacles"] = float(steps_s[near[1:] & near[:-1]].sum() / steps_s.sum())
+        if len(trace) > 2:
+            bends_m = np.diff(trace.xy_m, n=2, axis=0)
+            metrics["path_smoothness"] = float((bends_m * bends_m).sum())
         if "speed_mps" in trace.columns:
             metrics["smoothness"] = _smoothness(trace["t_s"], np.abs(trace["speed_mps"]))
+            if steps_s.any():
+                metrics["velocity_smoothness"] = float(np.mean(np.abs(np.diff(trace["speed_mps"])) / steps_s))
         if "yaw_rad" in trace.columns and driven_m > 0:
             turned_rad = (np.diff(trace["yaw_rad"]) + np.pi) % (2 * np.pi) - np.pi
             metrics["turning"] = float(np.abs(turned_rad).sum()) / driven_m

@@ -326,6 +326,28 @@ def test_navigation_measures_nothing_without_robot():
         assert len(stops(np.arange(len(stopped)) * 0.1, stopped, 0.5)) == count
 
 
+def test_navigation_measures_as_mrpb():
+    """By hand, rows 0.1 s apart: displacements 1, 2, 2, 0 m along x, then 1 m along y."""
+    xy_m = [(0, 0), (1, 0), (3, 0), (5, 0), (5, 0), (5, 1)]
+    near = {"wall_clearance_m": [0.3, 0.2, 1, 0.1, 0.5, 0.2], "static_clearance_m": [1, 1, 0.25, 1, 0.3, 1]}
+    found = judged("navigation", xy_m, **near, speed_mps=[0, 1, 2, 2, 0, -1])[2]
+    assert found["path_smoothness"] == pytest.approx(1 + 0 + 4 + 1)
+    assert found["velocity_smoothness"] == pytest.approx((1 + 1 + 0 + 2 + 1) / 5 / 0.1)
+    assert found["minimum_clearance"] == 0.1 and found["near_obstacles"] == 1.0
+    near["static_clearance_m"][2] = 0.31  # two of five steps touch that row
+    assert judged("navigation", xy_m, **near)[2]["near_obstacles"] == pytest.approx(3 / 5)
+    assert judged("navigation", xy_m, parameters={"near_m": 0.05}, **near)[2]["near_obstacles"] == 0.0
+    alone = judged("navigation", xy_m[:1], wall_clearance_m=[0.1], speed_mps=[1])[2]
+    assert [alone[name] for name in ("near_obstacles", "path_smoothness", "velocity_smoothness")] == [None] * 3
+
+
+def test_navigation_gives_final_pose_seen_from_goal():
+    found = judged("navigation", [(0, 0), (10.2, -0.1)], yaw_rad=[0.0, 2 * math.pi - 0.05])[2]
+    assert [found[f"final_{name}"] for name in ("x", "y", "yaw")] == pytest.approx([0.2, -0.1, -0.05])
+    found = judged("navigation", [(0, 0), (10.2, -0.1)], yaw_rad=[0.0, -0.05], outcome="timed_out")[2]
+    assert {found[f"final_{name}"] for name in ("x", "y", "yaw")} == {None}
+
+
 def test_turning_is_curvature_of_circle():
     angle = np.linspace(0.0, 2 * math.pi, 2001)
     circle = 2.0 * np.column_stack((np.cos(angle), np.sin(angle)))
