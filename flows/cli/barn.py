@@ -62,6 +62,11 @@ class BarnWorld:
         return "x,y,radius\n" + "".join(f"{x:g},{y:g},{_RADIUS_M}\n" for x, y in self.centers_m)
 
 
+def has_barn(folder: Path) -> bool:
+    """Return whether a folder looks as if it had the benchmark's data, packed or as a clone."""
+    return (folder / _CYLINDERS).is_file() or any(folder.rglob("BARN"))
+
+
 def barn_worlds(folder: Path, every: int) -> dict[int, BarnWorld]:
     """Return every so many worlds by their numbers, from the two packed files or from a clone of the benchmark.
 

@@ -1,6 +1,7 @@
 """Results: the campaign directory, complete on its own: its rows, the files of its configurations, and its environments."""
 
 import importlib.metadata
+import io
 import json
 import logging
 import os
@@ -236,18 +237,25 @@ def _write_environments(directory: Path, worlds: Mapping[str, World], configurat
 
 
 def write_map(directory: Path, occupancy: OccupancyMap) -> None:
-    """Write `map.yaml` and `map.pgm` into `directory`; the same map is read from them, digest included.
+    """Write `map.yaml` and `map.pgm` into `directory`; the same map is read from them, digest included."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for name, content in map_files(occupancy).items():
+        (directory / name).write_bytes(content)
+
+
+def map_files(occupancy: OccupancyMap) -> dict[str, bytes]:
+    """Return `map.yaml` and `map.pgm` of a map.
 
     A map with cells between free and occupied is written in mode `raw`, others in mode `trinary`.
     """
-    directory.mkdir(parents=True, exist_ok=True)
     cells = occupancy.cells[::-1]  # a picture's first row is at the top
     trinary = bool(np.isin(cells, list(_GRAY)).all())
     if trinary:
         gray = np.select([cells == value for value in _GRAY], list(_GRAY.values()))
     else:
         gray = np.where(cells == UNKNOWN, 255, cells.astype(np.int16))
-    Image.fromarray(gray.astype(np.uint8)).save(directory / "map.pgm")
+    picture = io.BytesIO()
+    Image.fromarray(gray.astype(np.uint8)).save(picture, "PPM")
     header = {
         "image": "map.pgm",
         "mode": "trinary" if trinary else "raw",
@@ -257,4 +265,4 @@ def write_map(directory: Path, occupancy: OccupancyMap) -> None:
         "occupied_thresh": 0.65,
         "free_thresh": 0.196,  # just below the gray of unknown cells, which Nav2's 0.25 would read as free
     }
-    (directory / "map.yaml").write_text(yaml.safe_dump(header, sort_keys=False), encoding="utf-8")
+    return {"map.pgm": picture.getvalue(), "map.yaml": yaml.safe_dump(header, sort_keys=False).encode()}
