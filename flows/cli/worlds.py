@@ -10,7 +10,6 @@ from typing import Any, Final, TypeAlias
 from vastflow.sim.model.elementary import dist
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import Unreadable, read_bytes, read_text, xml_root, yaml_value
-from vastflow.sim.world.map_file import RosMap
 from vastflow.sim.world.readers.reader import WorldError
 from vastflow.sim.world.readers.sdf import Sdf
 from vastflow.sim.world.world import world_content
@@ -27,7 +26,7 @@ Trip: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 @dataclass(slots=True)
 class Place:
-    """What a folder has of one name; a variant takes from its base what it lacks.
+    """The files of one name in a folder; a variant takes from its base what it lacks.
 
     Attributes:
         map_file: What the robot knows.
@@ -99,7 +98,7 @@ def _kind(file: Path) -> str | None:
         return "trips" if _POSE.search(read_text(file)) else None
     if file.suffix in Sdf.suffixes and file.name != "model.sdf":
         return "world"
-    if file.suffix not in RosMap.suffixes:
+    if file.suffix not in (".yaml", ".yml"):
         return None
     header = yaml_value(read_text(file))
     return "map_file" if isinstance(header, dict) and "image" in header else None
@@ -116,7 +115,7 @@ def _trips(file: Path) -> Iterator[Trip]:
 
 
 def _walkers(file: Path) -> Iterator[dict[str, Any]]:
-    """Yield a world's animated people: each walks its round at one speed, in the time that it has for it in Gazebo."""
+    """Yield a world's animated people as movers of one speed, with rounds as long as in Gazebo."""
     for actor in xml_root(read_bytes(file)).iter("actor"):
         name = actor.get("name") or "actor"
         waypoints = list(actor.iter("waypoint"))
