@@ -39,6 +39,7 @@ SECTIONS: Final = (
     sections.rates_section,
     sections.classes_section,
     sections.measured_section,
+    sections.poses_section,
     sections.coverage_section,
     sections.untested_section,
     sections.method_section,

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
@@ -34,8 +35,11 @@ from vastflow.oracles.query.scene import MAX_SCENES
 from vastflow.oracles.results import coverage
 from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.statistics.classes import passes_that_show
+from vastflow.oracles.statistics.repeatability import repeatability_of
 
 ROBUSTNESS: Final = "robustness"
+NAVIGATION: Final = "navigation"
+_FINAL: Final = ("final_x", "final_y", "final_yaw")
 _BASES: Final = {
     "update": "sum over AMCL's updates",
     "step": "sum over time steps",
@@ -93,14 +97,11 @@ def configurations_section(facts: Facts) -> Section:
     for k, name in zip(found.distinct.tolist(), facts.findings.classes.names, strict=True):
         rates = [by_name[found.names[k]] for by_name in cells_of]
         still = [stood.of([found.names[k]])] if stood.runs else []
-        values = [
-            found.factors[k].get(key) if numeric else facts.factor(k, key) for key, numeric in facts.varied.items()
-        ]
-        rows.append([found.names[k], found.families[k], name, *rates, *still, *values])
+        rows.append([found.names[k], found.families[k], name, *rates, *still, *_varied_cells(facts, k)])
     # The rate's upper bound, then failures; what was not judged is last.
     rows.sort(key=lambda row: (row[3][4] or (0 if row[3][1] else 1000), row[3][0] - row[3][1]))
     head = [Column("Configuration"), Column("Family", "choice"), Column("Class", "class"), *_rate_columns(facts)]
-    head += [Column(key, "number" if numeric else "text") for key, numeric in facts.varied.items()]
+    head += _varied_columns(facts)
     failing = int(np.count_nonzero(facts.findings.counts[:, 1]))
     table: Block = Table(head, rows, "configurations", "evidence.json", failing=failing)
     summary = f"{plural(failing, 'configuration')} with failures, of {len(rows):,}" if failing else "none failed"
@@ -172,6 +173,40 @@ def measured_section(facts: Facts) -> Section:
     }
     summary = plural(len(rows), "metric")
     return Section("measured", "Measured", "Measured", summary, values=values, figures=thresholds)
+
+
+def poses_section(facts: Facts) -> Section | None:
+    """Accuracy and repeatability of final poses by configuration; None without enough that `navigation` measured."""
+    found, verdicts = facts.tables.configurations, facts.tables.verdicts
+    metrics = verdicts.metrics(NAVIGATION) if NAVIGATION in facts.tables.oracles else {}
+    rows: list[list[Any]] = []
+    for k in found.distinct.tolist() if metrics.keys() >= {*_FINAL} else ():
+        spread = repeatability_of(*(metrics[each].values[verdicts.rows_of(k)] for each in _FINAL))
+        if spread is not None:
+            mm = [round(1000 * each, 1) for each in (spread.accuracy_m, spread.repeatability_m)]
+            turns = [round(math.degrees(each), 2) for each in (spread.yaw_accuracy_rad, spread.yaw_repeatability_rad)]
+            rows.append([found.names[k], found.families[k], spread.ends, *mm, *turns, *_varied_cells(facts, k)])
+    if not rows:
+        return None
+    rows.sort(key=lambda row: -row[4])
+    numbers = ("Reached", "Accuracy (mm)", "Repeatability (mm)", "Yaw accuracy (°)", "Yaw repeatability (°)")
+    head = [Column("Configuration"), Column("Family", "choice"), *columns("number", *numbers), *_varied_columns(facts)]
+    text = Markup(
+        '<p class="soft">Accuracy is the distance of the mean final position from the goal, repeatability the mean distance from that'
+        " position and three standard deviations, as in ISO 9283: of true poses, over the runs that reached the goal.</p>"
+    )
+    summary = f"accuracy up to {max(row[3] for row in rows):g} mm, repeatability up to {rows[0][4]:g} mm"
+    table = Table(head, rows, "poses", "runs_wide.parquet")
+    return Section("poses", "Final poses", "Accuracy and repeatability of final poses", summary, [text, table])
+
+
+def _varied_cells(facts: Facts, k: int) -> list[Any]:
+    factors = facts.tables.configurations.factors[k]
+    return [factors.get(key) if numeric else facts.factor(k, key) for key, numeric in facts.varied.items()]
+
+
+def _varied_columns(facts: Facts) -> list[Column]:
+    return [Column(key, "number" if numeric else "text") for key, numeric in facts.varied.items()]
 
 
 def method_section(facts: Facts) -> Section:
