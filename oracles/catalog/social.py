@@ -1,5 +1,6 @@
 """Oracle `social`: distances from bodies that move, and who moved into whom."""
 
+import math
 from collections.abc import Mapping
 from typing import ClassVar, Final, Literal
 
@@ -18,6 +19,8 @@ INTIMATE_M: Final = 0.45
 """Outer end of the intimate distance of people (Hall, The Hidden Dimension, 1966)."""
 APPROACHES_MPS: Final = 0.05
 """Speed toward another above which a party of a contact moved into it."""
+AGAIN_S: Final = 0.5
+"""Time from one touch of a body to the next below which they are one contact: what is pushed lets go and touches again."""
 BOTH, ROBOT, BODY = "both", "the robot", "the body"
 
 
@@ -56,6 +59,8 @@ class Social(Oracle[SocialParameters]):
     Distances are those from the rim of the robot's circumscribed disc to the outline of the nearest mover, row by row. A party of a contact moved into
     the other if it approached at more than 0.05 m/s up to the last row before; both may, or neither. A run without movers passes.
 
+    Touches of one body that follow each other within 0.5 s are one contact, told by the first.
+
     Metrics: `smallest_distance` (m), negative where the disc overlaps a mover; `intimate_share` and `personal_share` (1), shares of the run's time closer than
     0.45 m and 1.2 m, Hall's intimate and personal distance; `smallest_time_to_collision` (s), while nothing touched, see
     `vastflow.oracles.observation.observe.encounters`; `contacts` with movers, and of these `contacts_by_robot`, `contacts_by_body`, and
@@ -84,11 +89,12 @@ class Social(Oracle[SocialParameters]):
         steps_s = np.diff(trace["t_s"], prepend=trace["t_s"][0], append=trace["t_s"][-1])
         weights = (steps_s[:-1] + steps_s[1:]) / (2 * (trace["t_s"][-1] - trace["t_s"][0]))
         intimate, personal = (float(weights[distance_m < near_m].sum()) for near_m in (INTIMATE_M, PERSONAL_M))
-        contacts = [
-            (event, mover_of(tracks[event.what], trace, event.t_s))
-            for event in trace.events("contact")
-            if event.what in tracks
-        ]
+        contacts, last_s = [], dict.fromkeys(tracks, -math.inf)
+        for event in trace.events("contact"):
+            if event.what in tracks:
+                if event.t_s - last_s[event.what] >= AGAIN_S:
+                    contacts.append((event, mover_of(tracks[event.what], trace, event.t_s)))
+                last_s[event.what] = event.t_s
         by = [who for _, who in contacts]
         soonest_s = trace["time_to_collision_s"][trace["time_to_collision_s"] > 0.0]
         metrics: dict[str, float | None] = {

@@ -64,11 +64,13 @@ class ClosedLoop:
     ) -> None:
         self.frame = frame = prepared.occupancy.frame
         self.last_tick = round(timeout_s / TICK_S)
-        walls = Walls(prepared.skips, prepared.world.resolution_m, *prepared.world.origin_xy_m)
+        given = [obstacle.in_grid(frame) for obstacle in obstacles]
+        standing = obstacle_rows([obstacle for obstacle in given if obstacle.trigger is None])
+        walls = Walls(prepared.skips, prepared.world.resolution_m, *prepared.world.origin_xy_m, standing)
         self.movers = moving = MoverPoses(movers, frame, self.last_tick, walls)
         moving.look_ahead(0, start_pose)
         at_start = (Obstacle(each.name, each.shape, moving.at(0, k)) for k, each in enumerate(movers))
-        self.obstacles = every = [*at_start, *(obstacle.in_grid(frame) for obstacle in obstacles)]
+        self.obstacles = every = [*at_start, *given]
         start_pose, rows = frame.pose_to_grid(start_pose), obstacle_rows(every)
         pose = np.array([start_pose.x_m, start_pose.y_m, start_pose.yaw_rad])
         self.body = Body(pose, robot.radius_m, rows, trigger_rows(every), moving.table)

@@ -2,7 +2,8 @@
 
 Helbing and Molnár (Physical Review E 51 (1995) 4282): a force drives each to its desired velocity, others keep it off people and walls,
 and none walks faster than 1.3 times its desired speed. The force between people is that of Moussaïd and others (Proceedings of the Royal
-Society B 276 (2009) 2755), measured on 40 people who met or passed in a corridor, with their values. Accelerations are for a unit mass.
+Society B 276 (2009) 2755), measured on 40 people who met or passed in a corridor, with their values, those of relaxation and walls among
+them. Accelerations are for a unit mass.
 """
 
 import math
@@ -12,6 +13,7 @@ import numpy as np
 
 from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.world.obstacle_rows import DISC, SHAPE
 from vastflow.sim.world.skip_table import WALL, SkipTable, free_square
 
 RELAXATION_S: Final = 0.54
@@ -65,12 +67,18 @@ class People(NamedTuple):
 
 
 class Walls(NamedTuple):
-    """The walls that people keep off: the skip table of a grid, the edge of its cells, and its corner."""
+    """Walls and standing obstacles, which people keep off.
+
+    Attributes:
+        skips, resolution_m, origin_x_m, origin_y_m: The map's table, the edge of its cells, and its corner.
+        obstacles: (K, 7), see `vastflow.sim.world.obstacle_rows`.
+    """
 
     skips: SkipTable
     resolution_m: float
     origin_x_m: float
     origin_y_m: float
+    obstacles: Any
 
 
 @njit
@@ -112,10 +120,10 @@ def walk(people: People, walls: Walls, robot: Any, bias: float, out: Any) -> Non
     """
     xy, v = people.xy_m, people.v_mps
     count = xy.shape[0]
-    push = np.empty((count, 2))
+    push, off = np.empty((count, 2)), np.empty((count, 3))
     for tick in range(out.shape[0]):
         for i in range(count):
-            push[i, 0], push[i, 1] = _own(people, walls, i)
+            push[i, 0], push[i, 1] = _own(people, walls, i, off[i])
         for i in range(count):
             for j in range(i + 1, count):
                 x, y = interaction(xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1], v[i, 0] - v[j, 0], v[i, 1] - v[j, 1], bias)
@@ -134,6 +142,10 @@ def walk(people: People, walls: Walls, robot: Any, bias: float, out: Any) -> Non
             speed, most = math.sqrt(vx * vx + vy * vy), FASTEST * people.speed_mps[i]
             if speed > most:
                 vx, vy = vx * most / speed, vy * most / speed
+            # The force alone lets people walk into a wall that they meet at full speed.
+            beyond = vx * off[i, 0] + vy * off[i, 1] - max(off[i, 2], 0.0) / TICK_S
+            if beyond > 0.0:
+                vx, vy = vx - beyond * off[i, 0], vy - beyond * off[i, 1]
             v[i, 0], v[i, 1] = vx, vy
             xy[i, 0] += vx * TICK_S
             xy[i, 1] += vy * TICK_S
@@ -143,8 +155,11 @@ def walk(people: People, walls: Walls, robot: Any, bias: float, out: Any) -> Non
 
 
 @inner
-def _own(people: People, walls: Walls, i: int) -> tuple[float, float]:
-    """Return the acceleration of a person toward its waypoint and off the nearest wall."""
+def _own(people: People, walls: Walls, i: int, off: Any) -> tuple[float, float]:
+    """Return the acceleration of a person toward its waypoint and off the nearest wall.
+
+    Write the direction of that wall and the gap to it (3,), infinite without one.
+    """
     x, y, at = people.xy_m[i, 0], people.xy_m[i, 1], people.target[i]
     dx, dy = people.points[at, 0] - x, people.points[at, 1] - y
     away = math.sqrt(dx * dx + dy * dy)
@@ -155,30 +170,46 @@ def _own(people: People, walls: Walls, i: int) -> tuple[float, float]:
     speed = people.speed_mps[i] / away if away >= REACHED_M else 0.0
     px = (speed * dx - people.v_mps[i, 0]) / RELAXATION_S
     py = (speed * dy - people.v_mps[i, 1]) / RELAXATION_S
-    reach = (WALL_REACH_M + people.radius_m[i]) / walls.resolution_m
-    column, row = (x - walls.origin_x_m) / walls.resolution_m, (y - walls.origin_y_m) / walls.resolution_m
-    if free_square(walls.skips, column, row) < reach:
-        wx, wy = _to_wall(walls.skips, column, row, reach)
-        d = math.sqrt(wx * wx + wy * wy)
-        if 0.0 < d < math.inf:
-            near = WALL_MPS2 * math.exp(-(d * walls.resolution_m - people.radius_m[i]) / WALL_RANGE_M)
-            px -= near * wx / d
-            py -= near * wy / d
+    wx, wy = _to_wall(walls, x, y, WALL_REACH_M + people.radius_m[i])
+    d = math.sqrt(wx * wx + wy * wy)
+    off[0], off[1], off[2] = 0.0, 0.0, math.inf
+    if 0.0 < d < math.inf:
+        off[0], off[1], off[2] = wx / d, wy / d, d - people.radius_m[i]
+        near = WALL_MPS2 * math.exp(-off[2] / WALL_RANGE_M)
+        px -= near * off[0]
+        py -= near * off[1]
     return px, py
 
 
 @inner
-def _to_wall(skips: SkipTable, x: float, y: float, reach: float) -> tuple[float, float]:
-    """Return the vector to the nearest wall within a reach, all in cells; infinite without one."""
-    rows, columns = skips.rows - 2, skips.columns - 2
-    best, best_x, best_y = reach * reach, math.inf, math.inf
-    for r in range(max(math.floor(y - reach), 0), min(math.floor(y + reach) + 1, rows)):
-        dy = r - y if y < r else min(r + 1.0 - y, 0.0)
-        if dy * dy >= best:
-            continue
-        for c in range(max(math.floor(x - reach), 0), min(math.floor(x + reach) + 1, columns)):
-            if skips.cells[(r + 1) * skips.columns + c + 1] == WALL:
-                dx = c - x if x < c else min(c + 1.0 - x, 0.0)
-                if dx * dx + dy * dy < best:
-                    best, best_x, best_y = dx * dx + dy * dy, dx, dy
+def _to_wall(walls: Walls, x_m: float, y_m: float, reach_m: float) -> tuple[float, float]:
+    """Return the vector to the nearest wall or obstacle within a reach; infinite without one."""
+    skips, edge = walls.skips, walls.resolution_m
+    best, best_x, best_y = reach_m * reach_m, math.inf, math.inf
+    x, y, reach = (x_m - walls.origin_x_m) / edge, (y_m - walls.origin_y_m) / edge, reach_m / edge
+    if free_square(skips, x, y) < reach:
+        for r in range(max(math.floor(y - reach), 0), min(math.floor(y + reach) + 1, skips.rows - 2)):
+            dy = (r - y if y < r else min(r + 1.0 - y, 0.0)) * edge
+            if dy * dy >= best:
+                continue
+            for c in range(max(math.floor(x - reach), 0), min(math.floor(x + reach) + 1, skips.columns - 2)):
+                if skips.cells[(r + 1) * skips.columns + c + 1] == WALL:
+                    dx = (c - x if x < c else min(c + 1.0 - x, 0.0)) * edge
+                    if dx * dx + dy * dy < best:
+                        best, best_x, best_y = dx * dx + dy * dy, dx, dy
+    for k in range(walls.obstacles.shape[0]):
+        row = walls.obstacles[k]
+        dx, dy, c, s = row[0] - x_m, row[1] - y_m, row[2], row[3]
+        if row[SHAPE] == DISC:
+            away = math.sqrt(dx * dx + dy * dy)
+            share = max(1.0 - row[4] / away, 0.0) if away > 0.0 else 0.0
+            dx, dy = share * dx, share * dy
+        else:
+            # In the box's own axes: from the person to its nearest point.
+            ahead, left = dx * c + dy * s, dy * c - dx * s
+            ahead -= min(max(ahead, -row[4]), row[4])
+            left -= min(max(left, -row[5]), row[5])
+            dx, dy = ahead * c - left * s, ahead * s + left * c
+        if dx * dx + dy * dy < best:
+            best, best_x, best_y = dx * dx + dy * dy, dx, dy
     return best_x, best_y

@@ -1,5 +1,7 @@
 """The oracle `social`, and the encounters of a trace."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -78,6 +80,16 @@ def test_contact_fails_as_asked(fail_on_contact, cart_mps, judgment):
 def test_contact_of_the_robot_fails_where_only_those_count():
     trace = trace_with((0.5, 0.0), (0.9, 0.0), (0.0, 0.0), contact_s=0.85)
     assert judged(trace, fail_on_contact="robot")[0].judgment == "fail"
+
+
+def test_touches_in_quick_succession_are_one_contact():
+    once = trace_with((0.2, 0.0), (0.9, 0.0), (0.0, 0.0), contact_s=0.85, seconds=4.0)
+    events = [Event(t_s, "contact", 0.0, 0.0, "cart", 1.0) for t_s in (0.85, 1.2, 1.65, 2.2)]
+    verdict, found = judged(
+        replace(once, run=replace(once.run, events=(*events, Event(3.0, "contact", 0, 0, "wall", 1))))
+    )
+    assert (found["contacts"], found["contacts_by_robot"]) == (2, 2)
+    assert verdict.reason.startswith("touched 'cart' at 0.85 s")
 
 
 def test_shares_of_time_are_those_within_hall_distances():

@@ -141,7 +141,7 @@ def test_run_with_movers_has_equal_bytes_alone_batched_and_elsewhere(two_rooms, 
 
 
 FLOOR = OccupancyMap(np.zeros((120, 160), dtype=np.int8), 0.05, (0.0, 0.0))
-WALLS = Walls(skip_table_of(FLOOR.occupied), 0.05, 0.0, 0.0)
+WALLS = Walls(skip_table_of(FLOOR.occupied), 0.05, 0.0, 0.0, np.zeros((0, 7)))
 
 
 def loop_with(movers, obstacles=(), at=(4.0, 3.0), timeout_s=20.0, occupancy=FLOOR, radius_m=0.17):

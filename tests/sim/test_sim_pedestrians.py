@@ -12,14 +12,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shapely.geometry import Point
 
 from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.model.shape import Disc
+from vastflow.sim.model.shape import Box, Disc
 from vastflow.sim.run import run
 from vastflow.sim.world.crowd import Crowd, Pedestrian
 from vastflow.sim.world.mover import MovingBody, drawn_movers
+from vastflow.sim.world.obstacle_rows import obstacle_rows
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.skip_table import skip_table_of
 from vastflow.sim.world.social_force import BIAS, FASTEST, People, Walls, interaction, walk
@@ -29,8 +32,9 @@ PLAIN = OccupancyMap(np.zeros((400, 400), dtype=np.int8), 0.05, (-10.0, -10.0))
 NOBODY = Pose(1e3, 1e3)
 
 
-def walls_of(occupancy):
-    return Walls(skip_table_of(occupancy.occupied), occupancy.resolution_m, *occupancy.origin_xy_m)
+def walls_of(occupancy, *obstacles):
+    corner_m = occupancy.origin_xy_m
+    return Walls(skip_table_of(occupancy.occupied), occupancy.resolution_m, *corner_m, obstacle_rows(obstacles))
 
 
 OPEN = walls_of(PLAIN)
@@ -162,7 +166,21 @@ def test_person_keeps_off_a_wall_that_its_goal_lies_behind():
     people = people_at([(0.0, 0.3)], [(0.0, 0.0)], goals_m=[(8.0, 0.3)])
     x_m = walked(people, 400, walls=walls_of(OccupancyMap(cells, 0.05, (-10.0, -10.0))))[:, 0, 0]
     assert 3.0 - 0.25 - 0.2 < x_m[-1] < 3.0 - 0.25
-    assert x_m.max() < 3.0 - 0.1  # at full speed it comes 15 cm nearer than it stays
+    assert x_m.max() < 3.0 - 0.25 + 1e-9  # at full speed too
+
+
+@pytest.mark.parametrize("speed_mps", [0.5, 1.29, 10.0])
+@pytest.mark.parametrize("shape", [Disc(0.4), Box(0.6, 1.4)])
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.5, 2.0])
+def test_person_keeps_off_an_obstacle_that_stands(shape, yaw_rad, speed_mps):
+    box = Obstacle("thing", shape, Pose(2.0, 0.1, yaw_rad))
+    people = people_at([(-3.0, 0.0)], [(0.0, 0.0)], speed_mps, goals_m=[(7.0, 0.0)])
+    poses = walked(people, 600, walls=walls_of(PLAIN, box))[:, 0, :2]
+    footprint = box.footprint()
+    least_m = min(footprint.distance(Point(*place)) for place in poses.tolist())
+    assert 0.25 - 0.01 < least_m < 0.25 + 0.3  # a polygon stands for a disc here
+    if isinstance(shape, Disc):
+        assert poses[-1] == pytest.approx((7.0, 0.0), abs=0.31)
 
 
 def crowd_of(*rules, frame=PLAIN.frame, radius_m=0.25):
