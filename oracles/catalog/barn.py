@@ -66,7 +66,7 @@ class Barn(Oracle[Parameters]):
             "collided": float(collided),
             "timed_out": float(not (arrived or collided)),
             "time": None if left_s is None else round(end_s - left_s, 6),
-            **_scores(end_s - from_s, situation.reference_length_m, arrived),
+            **scores(end_s - from_s, situation.reference_length_m, arrived),
         }
         if arrived:
             return self.passed(trace, **metrics)
@@ -84,7 +84,8 @@ def _first(t_s: NDArray[np.float64], there: NDArray[np.bool_]) -> float | None:
     return float(t_s[found[0]]) if found.size else None
 
 
-def _scores(time_s: float, length_m: float | None, arrived: bool) -> dict[str, float | None]:
+def scores(time_s: float, length_m: float | None, arrived: bool) -> dict[str, float | None]:
+    """The scores of a run by their names; none without a length of the benchmark's path."""
     if length_m is None:
         return {}
     best_s = length_m / SPEED_MPS
