@@ -28,8 +28,8 @@ MADE_HERE = {"build", "dist", "results"}
 """Folders that building and running leave behind; git ignores them."""
 
 
-SHIPPED_DATA = ("quickstart", "scenarios")
-"""Folders of `campaigns` that are installed: what `vastflow init` writes, and what the names `builtin:…` stand for."""
+SHIPPED_DATA = ("benchmark", "quickstart", "scenarios")
+"""Folders of `campaigns` that are installed: what `vastflow benchmark` and `vastflow init` write, and what the names `builtin:…` stand for."""
 
 
 def package_folders() -> list[Path]:

@@ -16,6 +16,7 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
+from vastflow.flows.cli.benchmark import benchmark
 from vastflow.flows.cli.calibrate import calibrate
 from vastflow.flows.cli.compare import compare
 from vastflow.flows.cli.deploy import deploy
@@ -105,7 +106,7 @@ def _options(
 
 
 for command in (
-    *(init, validate, plan, run, show, replay, compare, minimize, report_failure, repeat_failure),
+    *(init, validate, plan, run, show, replay, compare, benchmark, minimize, report_failure, repeat_failure),
     *(export, notebook, publish, verify, params, deploy),
 ):
     app.command()(command)

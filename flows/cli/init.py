@@ -6,6 +6,7 @@ import os
 import shlex
 from collections.abc import Callable
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -106,11 +107,11 @@ def _barn(
         what = "expected a robot that drives without a map: global_costmap in odom without a static layer"
         raise UserError(f"{nav2_params}: {what}, such as {NAV2_SOURCE}")
     worlds = barn_worlds(data, every)
-    text = _rendered(
+    text = rendered(
         _BARN_TEMPLATE,
         command=command,
         worlds=[(number, round(world.length_m, 3)) for number, world in worlds.items()],
-        nav2_params=_named(nav2_params, folder),
+        nav2_params=named(nav2_params, folder),
     )
     circles = {f"worlds/world_{number}.csv": world.circles.encode() for number, world in worlds.items()}
     return {f"{_BARN}.vast": text.encode(), **circles}
@@ -137,18 +138,18 @@ def _worlds(folder: Path, data: Path, nav2_params: Path | None, command: str, st
             left_out.append(str(error))
             continue
         if place.map_file is not None:
-            row["map_file"] = _named(place.map_file, folder)
+            row["map_file"] = named(place.map_file, folder)
         elif robot.system.needs_map:
             row["map_file"] = f"maps/{place.name}/map.yaml"
             for name, content in map_files(read_grid(world_content(ground))).items():
                 written[f"maps/{place.name}/{name}"] = content
-        row["world"] = place.world and _named(place.world, folder)
+        row["world"] = place.world and named(place.world, folder)
         places.append(row)
     for sentence in left_out:
         print(f"left out: {sentence}")
     if not places:
         raise UserError(f"{data}: expected a place for a robot {robot.diameter_m:g} m across, got: {left_out[-1]}")
-    text = _rendered(
+    text = rendered(
         _WORLDS_TEMPLATE,
         command=command,
         name=stem,
@@ -163,11 +164,11 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
     from vastflow.sim.world.world import map_content
 
     robot = _Robot(nav2_params)
-    return _rendered(
+    return rendered(
         _TEMPLATE,
         command=command,
         name=json.dumps("-".join(file.stem for file in (map_file, nav2_params) if file), ensure_ascii=False),
-        map_file=_named(map_file, folder),
+        map_file=named(map_file, folder),
         diameter_m=f"{robot.diameter_m:g}",
         nav2_params=_nav2_line(nav2_params, folder),
         **robot.path_on(map_file, map_content),
@@ -216,14 +217,16 @@ class _Robot:
 
 
 def _nav2_line(nav2_params: Path | None, folder: Path) -> str:
-    return "" if nav2_params is None else f"nav2_params: {_named(nav2_params, folder)}\n  "
+    return "" if nav2_params is None else f"nav2_params: {named(nav2_params, folder)}\n  "
 
 
-def _named(file: Path, folder: Path) -> str:
+def named(file: Path, folder: Path) -> str:
+    """Return the quoted path of a file as a campaign file in a folder names it."""
     return json.dumps(Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix(), ensure_ascii=False)
 
 
-def _rendered(template: Path, **values: object) -> str:
+def rendered(template: Traversable, **values: object) -> str:
+    """Return the text of a template with these values."""
     from jinja2 import Template
 
     text: str = Template(template.read_text(encoding="utf-8"), keep_trailing_newline=True).render(**values)

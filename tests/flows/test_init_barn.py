@@ -1,13 +1,13 @@
 """`vastflow init barn`: the BARN benchmark's data as a campaign."""
 
 import gzip
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import called, refused
+from packed_barn import CELLS, CENTERS_M, packed
 from table import each_row
 
 from vastflow.flows.cli.barn import barn_worlds
@@ -28,8 +28,6 @@ local_costmap/local_costmap: {{ros__parameters: {{global_frame: odom, rolling_wi
 global_costmap/global_costmap: {{ros__parameters: {{global_frame: odom, width: 40, height: 40, {LAYERS}}}}}
 """
 BENCHMARK = ROOT.parent / "shared" / "upstream" / "barn"
-CENTERS_M = [(-4.425, 0.075), (-0.075, 9.525)]
-CELLS = [[15, 0], [15, 20], [18, 24]]
 LENGTH_M = 10.177
 
 
@@ -37,14 +35,6 @@ LENGTH_M = 10.177
 def _nav2(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / NAV2).write_text(WITHOUT_MAP)
-
-
-def packed(folder, numbers):
-    folder.mkdir(parents=True)
-    rows = "".join(f"{number},{x},{y}\n" for number in numbers for x, y in CENTERS_M)
-    (folder / "barn-cylinders.csv.gz").write_bytes(gzip.compress(f"world,x,y\n{rows}".encode()))
-    (folder / "barn-paths.json.gz").write_bytes(gzip.compress(json.dumps({str(n): CELLS for n in numbers}).encode()))
-    return folder
 
 
 def cylinder(name, x, y, radius=0.075):
