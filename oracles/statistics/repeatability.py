@@ -32,7 +32,11 @@ class Repeatability:
 
 
 def repeatability_of(x_m: Floats, y_m: Floats, yaw_rad: Floats) -> Repeatability | None:
-    """Return accuracy and repeatability of ends (N,), seen from the commanded pose and NaN where it was not reached; None for too few."""
+    """Return accuracy and repeatability of final poses; None for too few.
+
+    Args:
+        x_m, y_m, yaw_rad: (N,) as seen from the commanded pose, NaN where it was not reached.
+    """
     reached = np.isfinite(x_m) & np.isfinite(y_m) & np.isfinite(yaw_rad)
     if (ends := int(reached.sum())) < LEAST_ENDS:
         return None

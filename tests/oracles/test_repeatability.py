@@ -14,7 +14,7 @@ ENDS = [(0.1, 0.0), (0.1, 0.2), (0.3, 0.0), (0.3, 0.2)] * 3
 
 
 def test_repeatability_is_that_of_iso_9283_by_hand():
-    """Ends on the corners of a square about (0.2, 0.1): all are as far from there, so that nothing is added."""
+    """All ends are as far from (0.2, 0.1), so nothing is added."""
     x_m, y_m = map(np.array, zip(*ENDS, strict=True))
     found = repeatability_of(x_m, y_m, np.full(12, -0.1))
     assert (found.ends, found.accuracy_m) == (12, pytest.approx(math.hypot(0.2, 0.1)))

@@ -69,7 +69,7 @@ def test_interval_is_wider_than_that_of_a_fixed_number_of_runs():
     assert low < fixed[0] < fixed[1] < high
 
 
-def test_interval_rules_out_a_loss_of_two_points_after_227_seeds_without_a_change():
+def test_interval_rules_out_two_points_after_227_unchanged_seeds():
     assert interval_at_any_look([0.0] * 227)[0] > -0.02 > interval_at_any_look([0.0] * 226)[0]
     assert interval_at_any_look([0.0] * 908, np.arange(908) // 4)[0] > -0.02
     assert interval_at_any_look([0.0] * 904, np.arange(904) // 4)[0] < -0.02
