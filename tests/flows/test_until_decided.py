@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 from command_line import called, refused
-from judged_directory import same, write
+from judged_directory import STAGES, same, write
 from table import each_row
 
 from vastflow.flows.analysis.until_decided import Side, compared_until_decided
@@ -28,8 +28,11 @@ def decided(small_room, tmp_path):
             table = planned[request.results.endswith("B")]
             calls.append(request.runs)
             rows = {name: (task, system, said[: request.runs]) for name, (task, system, said) in table.items()}
-            place = tmp_path / f"{len(calls)}"
-            return SimpleNamespace(directory=write(place, rows))
+            metadata = write(tmp_path / f"{len(calls)}", rows) / "metadata.json"
+            metadata.write_text(
+                json.dumps({**json.loads(metadata.read_text()), "source": dict.fromkeys(STAGES, "5ca1ab1e")})
+            )
+            return SimpleNamespace(directory=metadata.parent)
 
         found, decision = compared_until_decided(*sides, run, **options)
         return found, decision, calls
@@ -50,6 +53,7 @@ def mixed(good, bad, system=1):
     [
         (mixed(40, 0, 0), mixed(40, 0), {}, ("loss ruled out",), 6),  # 227 seeds in rounds of 40
         (mixed(40, 0, 0), mixed(40, 0), {"runs": 5}, (), 5),
+        (mixed(9, 3), mixed(9, 3), {}, ("nothing changed",), 1),
         (mixed(40, 0, 0), mixed(20, 20), {}, ("lost the margin", "worse"), 1),
         (mixed(20, 20, 0), mixed(40, 0), {}, ("better", "loss ruled out"), 1),
         (mixed(38, 2, 0), mixed(40, 0), {"margin": 0.0, "runs": 6}, ("better", "loss ruled out"), 4),
@@ -59,7 +63,7 @@ def mixed(good, bad, system=1):
 def test_rounds_end_with_the_first_claim(decided, then, now, options, shown, rounds):
     found, decision, _ = decided(then, now, **options)
     assert (decision.shown, decision.rounds) == (shown, rounds)
-    assert (decision.runs, decision.planned) == (80 * rounds, 80 * options.get("runs", 10))
+    assert (decision.runs, decision.planned) == (2 * len(now) * rounds, 2 * len(now) * options.get("runs", 10))
     assert found.gate.exit_code == (4 if not shown else 1 if "worse" in shown else 0)
 
 
@@ -67,6 +71,11 @@ def test_round_adds_one_run_and_the_last_goes_to_the_results(decided):
     _, decision, calls = decided(mixed(40, 0, 0), mixed(40, 0), margin=0.04)
     assert decision.rounds == 3
     assert calls == [1, 1, 2, 2, 3, 3, 3, 3]
+
+
+def test_comparison_calls_no_configuration_newly_failing(decided):
+    found, decision, _ = decided(mixed(12, 0, 0), mixed(11, 1), runs=6, margin=0.01)
+    assert (decision.shown, found.changes[0].lost, found.shown(worse=True)) == ((), 6, [])
 
 
 def test_pairs_not_judged_and_unpaired_configurations_decide_nothing(decided):
