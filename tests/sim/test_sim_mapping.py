@@ -74,6 +74,10 @@ def test_window_has_the_frame_of_odometry_and_the_size_of_its_parameters(after_a
     wide = after_a_tick(parameters=NavParameters(local_costmap=Costmap(width=4, height=5, resolution=0.1))).local.window
     assert wide.costs.shape == (50, 40)
     np.testing.assert_allclose(wide.place, (-2.0, -2.5, 0.1))
+    broken = NavParameters(
+        local_costmap=Costmap(width=4, height=5, resolution=0.06)
+    )  # 66.7 and 83.3 cells: Nav2 has whole ones
+    assert after_a_tick(parameters=broken).local.layer.shape == (83, 66)
 
 
 def test_obstacle_ahead_is_ahead_in_window_at_any_heading(after_a_tick):

@@ -357,7 +357,7 @@ def _route(shape: tuple[int, ...], goals: Sequence[Pose], legs: int, planner: Bo
 
 
 def _local(q: Costmap, stamp: NDArray[np.uint8], keepout: Mask) -> Local:
-    shape = round(q.height / q.resolution), round(q.width / q.resolution)
+    shape = int(q.height / q.resolution), int(q.width / q.resolution)  # whole cells, as in Nav2
     layer, scratch, lethal, costs = (np.zeros(shape, dtype=np.uint8) for _ in range(4))
     # Behaviors that get no costmap take everything for a collision.
     published = np.full(shape, LETHAL if q.publish_frequency <= NEVER_HZ else 0, dtype=np.uint8)
