@@ -7,17 +7,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
-from vastflow.sim.model.elementary import dist
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.model.files import Unreadable, read_bytes, read_text, xml_root, yaml_value
+from vastflow.sim.model.files import Unreadable, read_text, yaml_value
+from vastflow.sim.world.readers.actors import walkers
 from vastflow.sim.world.readers.reader import WorldError
 from vastflow.sim.world.readers.sdf import Sdf
 from vastflow.sim.world.world import world_content
 
 VARIANTS: Final = ("-partially-unknown", "-dynamic")
 """Ends of names by which MRPB tells other maps of a world, and worlds of a map with people."""
-WALKER_M: Final = 0.25
-"""Radius of a person whom Gazebo animates; its skin has no shape that stands."""
 _POSE: Final = re.compile(r'"(initial|goal)_pose_([xya])"\s+default="([^"]*)"')
 
 Trip: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -67,7 +65,7 @@ def places_in(folder: Path) -> tuple[list[Place], list[str]]:
             else:
                 world_content(file)
                 if kind == "world":
-                    place.movers = list(_walkers(file))
+                    place.movers = list(walkers(file))
                 setattr(place, kind, file)
         except (WorldError, Unreadable, ValueError) as error:
             left_out.append(str(error) if str(file) in str(error) else f"{file}: {error}")
@@ -112,25 +110,3 @@ def _trips(file: Path) -> Iterator[Trip]:
     for k in range(0, len(values), 6):
         (x, y, yaw), (goal_x, goal_y, goal_yaw) = values[k : k + 3], values[k + 3 : k + 6]
         yield (x, y, yaw), (goal_x, goal_y, goal_yaw)
-
-
-def _walkers(file: Path) -> Iterator[dict[str, Any]]:
-    """Yield a world's animated people as movers of one speed, with rounds as long as in Gazebo."""
-    for actor in xml_root(read_bytes(file)).iter("actor"):
-        name = actor.get("name") or "actor"
-        waypoints = list(actor.iter("waypoint"))
-        times_s = [float(each.findtext("time") or "nan") for each in waypoints]
-        points_m = [tuple(map(float, (each.findtext("pose") or "").split()[:2])) for each in waypoints]
-        route = [at for k, at in enumerate(points_m) if k == 0 or at != points_m[k - 1]]
-        if len(route) < 2:
-            continue  # it stands, and has no collision
-        if any(len(at) != 2 for at in route) or not times_s[-1] > times_s[0]:
-            raise ValueError(f"{name}: expected waypoints with a pose and a later time each")
-        length_m = math.fsum(dist(a, b) for a, b in zip(route, [*route[1:], route[0]], strict=True))
-        yield {
-            "name": name,
-            "shape": {"radius_m": WALKER_M},
-            "waypoints": [list(at) for at in route],
-            "speed_m_s": round(length_m / (times_s[-1] - times_s[0]), 3),
-            "loop": "around",
-        }

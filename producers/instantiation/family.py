@@ -50,6 +50,7 @@ from vastflow.sim.system.keys import RECORDING_KEY, SUT, is_of_footprint
 from vastflow.sim.system.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.system.system import system_of
 from vastflow.sim.world.environment import MAP_KEY, WORLD_KEY, world_files
+from vastflow.sim.world.readers.actors import actor_names
 from vastflow.sim.world.readers.own import world_value
 from vastflow.sim.world.readers.reader import MissingWorld
 from vastflow.sim.world.world import free_unknown_cells, read_world
@@ -241,6 +242,11 @@ class FamilyReader:
                 values[key] = plug_in_value(value, self._base) if key == NOISE_MODEL_KEY else value
             elif content := self._map(where, value):
                 values[key] = content
+        own = values.get(WORLD_KEY)
+        if isinstance(own, FileContent) and MOVERS_KEY not in values and (names := actor_names(Path(own.path))):
+            what = f"the world's actors are no bodies: {', '.join(names)}"
+            right = "they walk where the key movers has them, as init --worlds writes it"
+            self.notes.append(self._document.note("warning", places[WORLD_KEY], what, right))
         return places, values
 
     def _map(self, location: Location, value: Any) -> FileContent | None:

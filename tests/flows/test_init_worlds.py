@@ -91,6 +91,19 @@ def test_actor_walks_its_round_in_its_time(data):
     assert left_out == []
 
 
+def test_world_with_actors_warns_without_movers(data, tmp_path):
+    file = tmp_path / "own.vast"
+    places = f"      - map_file: {data}/maps/Room 1/map.yaml\n      - world: {data}/world/Room 1_dynamic.world\n"
+    poses = "      - start_pose: {x: -1.5, y: 0.5}\n      - goal_pose: {x: 1.5, y: -0.5}\n"
+    file.write_text(
+        f"version: 1\nmetadata: {{name: own}}\nconfiguration:\n  - name: own\n    parameters:\n{places}{poses}"
+    )
+    done = called("validate", file)
+    assert done.exit_code == 0 and "The world's actors are no bodies: walker." in done.output, done.output
+    file.write_text(f"{file.read_text()}      - movers: []\n")
+    assert "actors" not in called("validate", file).output
+
+
 def test_partially_unknown_map_has_other_map_as_world(data, tmp_path):
     shutil.rmtree(data / "world")
     _, by_family = written(tmp_path / "rooms", data)

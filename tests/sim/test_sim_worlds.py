@@ -220,6 +220,7 @@ REFUSED = {
         model(link(collision())) + "<state world_name='w'><model name='m'><scale>2 1 1</scale></model></state>",
         "m: expected a scale of 1 1 1 in <state>, got '2 1 1'",
     ),
+    "population": ("<population name='p'/>" + model(link(collision())), "models one by one, got a <population>"),
     "nothing there": (model(link("")), "has no body that a robot could meet"),
     "missing include": ("<include><uri>model://gone</uri></include>", "There is no file 'gone'"),
     "from elsewhere": ("<include><uri>https://x.y/z</uri></include>", "expected the uri of a local file"),

@@ -116,6 +116,8 @@ def _root(file: _File) -> Element:
 def _of_file(file: _File, to_world: Transform, name: str, depth: int) -> Iterator[Body]:
     root = _root(file)
     for parent in (*root.findall("world"), root):
+        if parent.find("population") is not None:
+            raise file.error("expected models one by one, got a <population>")
         moved = {} if depth else dict(_moved_models(file, parent))
         yield from _models(file, parent, to_world, name, depth, moved, is_included=bool(depth))
 
