@@ -18,7 +18,7 @@ VARIANTS: Final = ("-partially-unknown", "-dynamic")
 """Ends of names by which MRPB tells other maps of a world, and worlds of a map with people."""
 _POSE: Final = re.compile(r'"(initial|goal)_pose_([xya])"\s+default="([^"]*)"')
 
-Trip: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float]]
+Trip: TypeAlias = tuple[list[float], list[float]]
 """Start and goal: x, y (m), and yaw (rad)."""
 
 
@@ -50,7 +50,6 @@ def places_in(folder: Path) -> tuple[list[Place], list[str]]:
     """
     places: dict[str, Place] = {}
     left_out: list[str] = []
-    broken: set[str] = set()
     for file in sorted(folder.rglob("*")):
         name = slug(file.parent.name if file.stem in ("map", "config") else file.stem)
         try:
@@ -69,16 +68,15 @@ def places_in(folder: Path) -> tuple[list[Place], list[str]]:
                 setattr(place, kind, file)
         except (WorldError, Unreadable, ValueError) as error:
             left_out.append(str(error) if str(file) in str(error) else f"{file}: {error}")
-            broken.add(name)
     found: list[Place] = []
     for place in places.values():
         base = places.get(next((place.name.removesuffix(end) for end in VARIANTS if place.name.endswith(end)), ""))
-        if base is not None and (place.map_file or place.world) and place.name not in broken:
+        if base is not None and (place.map_file or place.world):
             place.world = place.world or base.world or (base.map_file if place.map_file else None)
             place.map_file = place.map_file or (base.map_file if place.world else None)
         if place.map_file or place.world:
             found.append(place)
-        elif place.name not in broken:
+        elif place.trips:
             left_out.append(f"{place.name}: There are starts and goals, and no map or world of this name.")
     if not found:
         why = f"got: {left_out[0]}" if left_out else "got none"
@@ -108,5 +106,4 @@ def _trips(file: Path) -> Iterator[Trip]:
     if len(values) % 6 or not all(map(math.isfinite, values)):
         raise ValueError(f"expected x, y, and yaw of starts and goals in turn, got {len(values)} numbers")
     for k in range(0, len(values), 6):
-        (x, y, yaw), (goal_x, goal_y, goal_yaw) = values[k : k + 3], values[k + 3 : k + 6]
-        yield (x, y, yaw), (goal_x, goal_y, goal_yaw)
+        yield values[k : k + 3], values[k + 3 : k + 6]
