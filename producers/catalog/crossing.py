@@ -2,17 +2,17 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from vastflow.producers.catalog.mover import Entries, MoverProducer
 from vastflow.producers.model import producer
-from vastflow.producers.model.configuration import REQUESTED, Fragment, Rejection
 from vastflow.producers.model.numbers import DEFAULT_ROBOT_DIAMETER_M, NotNegative, Numbers, Positive, Positives
-from vastflow.producers.model.producer import Draws, Producer
+from vastflow.producers.model.producer import Draws
 from vastflow.producers.places.clearance import taut
 from vastflow.producers.places.ground import Ground, ground_of, map_of
 from vastflow.producers.places.placement import MARGIN_M, Line
@@ -20,7 +20,6 @@ from vastflow.producers.places.route import corners
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY, given_goals, given_start
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.elementary import cos_sin, dist, hypot
-from vastflow.sim.model.scenario import Dimension
 from vastflow.sim.reading.movers import MOVERS_KEY, mover_shapes
 from vastflow.sim.world.environment import MAP_KEY
 
@@ -60,7 +59,7 @@ class CrossingParameters(producer.Parameters):
         return self
 
 
-class CrossingVariation(Producer[CrossingParameters]):
+class CrossingVariation(MoverProducer[CrossingParameters]):
     """A body at constant velocity that meets the robot on its path, at a time and an angle.
 
     It does not react to the robot.
@@ -72,36 +71,26 @@ class CrossingVariation(Producer[CrossingParameters]):
     Parameters = CrossingParameters
 
     reads = (MAP_KEY, START_KEY, GOAL_KEY, GOALS_KEY, MOVERS_KEY)
-    needs = (MAP_KEY,)
 
     @property
-    def writes(self) -> Mapping[str, Dimension | None]:
-        return {MOVERS_KEY: self.parameters.dimension}
+    def factors(self) -> Mapping[str, Sequence[Value]]:
+        return {name: getattr(self.parameters, name) for name in ("encounter_s", "angle_deg", "speed", "late_s")}
 
-    @property
-    def most_choices(self) -> int:
+    def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str]:
         asked = self.parameters
-        return len(asked.encounter_s) * len(asked.angle_deg) * len(asked.speed) * len(asked.late_s)
-
-    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
-        """Yield one body for each time, angle, speed, and delay, earlier ones outermost; draws nothing."""
-        asked = self.parameters
-        line: Line | str
+        (shape,) = mover_shapes({MOVERS_KEY: [{"name": asked.name, "shape": asked.shape}]}).values()
         try:
             line = robot_path(inputs, asked.robot_diameter)
         except ValueError as error:
-            line = str(error)
-        (shape,) = mover_shapes({MOVERS_KEY: [{"name": asked.name, "shape": asked.shape}]}).values()
-        names = "encounter_s", "angle_deg", "speed", "late_s"
-        for values in itertools.product(*(getattr(asked, name) for name in names)):
-            requested = dict(zip(names, values, strict=True))
-            ground = ground_of(map_of(inputs), 2 * shape.circumradius_m)
-            motion = line if isinstance(line, str) else self._motion(line, ground, **requested)
-            if isinstance(motion, str):
-                yield Rejection(motion, requested)
-                continue
-            entry: dict[str, Value] = {"name": asked.name, "shape": {**asked.shape}, **motion}
-            yield Fragment(with_movers(inputs, [entry], requested))
+            reason = str(error)
+            return lambda *values: reason
+        ground = ground_of(map_of(inputs), 2 * shape.circumradius_m)
+
+        def body(*values: float) -> Entries | str:
+            motion = self._motion(line, ground, *values)
+            return motion if isinstance(motion, str) else [{"name": asked.name, "shape": {**asked.shape}, **motion}]
+
+        return body
 
     def _motion(
         self, line: Line, ground: Ground, encounter_s: float, angle_deg: float, speed: float, late_s: float
@@ -180,13 +169,3 @@ def free_m(ground: Ground, begin: tuple[float, float], toward: tuple[float, floa
     free = inside.copy()
     free[inside] = ground.passable[tuple(cells[inside].T)]
     return max(int(np.argmin(free)) - 1, 0) * step_m  # the last point lies beyond the map
-
-
-def with_movers(
-    inputs: Mapping[str, Value], entries: Sequence[Mapping[str, Value]], requested: Mapping[str, Value]
-) -> dict[str, Value]:
-    """Return the values of a fragment: the movers so far and further ones, and what was requested of these."""
-    known = inputs.get(MOVERS_KEY, ())
-    mine: list[Value] = [*(known if isinstance(known, list | tuple) else ()), *entries]
-    # A second producer does not overwrite what was requested of the first.
-    return {MOVERS_KEY: mine, f"{REQUESTED}{MOVERS_KEY}{'+' if known else ''}": {**requested}}

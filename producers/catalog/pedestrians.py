@@ -1,24 +1,23 @@
 """The producer of pedestrians that walk about on the map."""
 
-import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field
 
-from vastflow.producers.catalog.crossing import taut_m, with_movers
+from vastflow.producers.catalog.crossing import taut_m
+from vastflow.producers.catalog.mover import Entries, MoverProducer
 from vastflow.producers.model import producer
-from vastflow.producers.model.configuration import DRAW, Fragment, Rejection
+from vastflow.producers.model.configuration import DRAW
 from vastflow.producers.model.numbers import Amounts, Count, Flags, NotNegative, Positive, Seed
-from vastflow.producers.model.producer import Draws, Producer
+from vastflow.producers.model.producer import Draws
 from vastflow.producers.places.ground import Ground, ground_of, map_of
 from vastflow.producers.places.route import LegRequest, draw_leg
 from vastflow.producers.places.stops import START_KEY, given_start
 from vastflow.sim.model.digest import Value, digest
 from vastflow.sim.model.elementary import hypots
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.model.scenario import Dimension
 from vastflow.sim.reading.movers import MOVERS_KEY
 from vastflow.sim.world.environment import MAP_KEY
 
@@ -53,7 +52,7 @@ class PedestrianParameters(producer.Parameters):
     """Seed of the draws."""
 
 
-class PedestrianVariation(Producer[PedestrianParameters]):
+class PedestrianVariation(MoverProducer[PedestrianParameters]):
     """Pedestrians by the social force model, who walk to and fro on routes of their own.
 
     A route is a shortest path on free ground, pulled taut, and keeps off the robot's start. Other bodies that move are kept.
@@ -62,37 +61,27 @@ class PedestrianVariation(Producer[PedestrianParameters]):
     Parameters = PedestrianParameters
 
     reads = (MAP_KEY, START_KEY, MOVERS_KEY)
-    needs = (MAP_KEY,)
 
     @property
-    def writes(self) -> Mapping[str, Dimension | None]:
-        return {MOVERS_KEY: self.parameters.dimension}
-
-    @property
-    def most_choices(self) -> int:
+    def factors(self) -> Mapping[str, Sequence[Value]]:
         asked = self.parameters
-        return len(asked.amount) * len(asked.avoids_robot) * asked.count
+        return {"amount": asked.amount, "avoids_robot": asked.avoids_robot, DRAW: range(1, asked.count + 1)}
 
-    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
-        """Yield `count` draws of each amount and, within it, of each manner.
-
-        A route depends on the seed, what is read, its draw, and its number alone.
-        """
-        asked = self.parameters
-        ground = ground_of(map_of(inputs), 2 * (asked.radius_m + MARGIN_M))
+    def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str]:
+        """A route depends on the seed, what is read, its draw, and its number alone."""
+        ground = ground_of(map_of(inputs), 2 * (self.parameters.radius_m + MARGIN_M))
         start = given_start(inputs, START_KEY)
-        for amount, avoids, number in itertools.product(asked.amount, asked.avoids_robot, range(1, asked.count + 1)):
-            requested = {"amount": amount, "avoids_robot": avoids, DRAW: number}
-            people: list[dict[str, Value]] = []
+
+        def people(amount: int, avoids: bool, number: int) -> Entries | str:
+            found: list[dict[str, Value]] = []
             for k in range(1, amount + 1):
                 route = self._route(ground, start, draws(int(digest({DRAW: number, "person": k})[:16], 16)))
                 if route is None:
-                    break
-                people.append(self._person(k, route, avoids))
-            if len(people) < amount:
-                yield Rejection(f"no route for person {len(people) + 1} was found in {TRIES} draws", requested)
-            else:
-                yield Fragment(with_movers(inputs, people, requested))
+                    return f"no route for person {k} was found in {TRIES} draws"
+                found.append(self._person(k, route, avoids))
+            return found
+
+        return people
 
     def _route(self, ground: Ground, start: Pose | None, rng: np.random.Generator) -> list[list[float]] | None:
         request = LegRequest(self.parameters.route, self.parameters.route / 2, 0.0)

@@ -143,6 +143,8 @@ def complaints(model: type[BaseModel], error: ValidationError) -> Iterator[tuple
 
 def _expected(items: list[str], field: FieldInfo | None, error: ErrorDetails) -> str:
     kind, message = error["type"], error["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    if kind == "too_short" and not items:
+        return f"{error['ctx']['min_length']} items or more"
     if kind in ("too_long", "tuple_type") or (kind == "missing" and items):
         return f"a list of {len(get_args(field.annotation)) if field else 0} numbers"
     if kind in ("greater_than_equal", "less_than_equal") and field:
