@@ -10,17 +10,15 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from vastflow.flows.analysis.comparison import Compared
-from vastflow.flows.analysis.comparison_text import p_text, points, share
+from vastflow.flows.analysis.comparison_text import points, share
 from vastflow.flows.terminal.display import terminal_table
 from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.evidence.evidence import evidence_of
-from vastflow.oracles.evidence.paired_metrics import metric_differences, paired_values
+from vastflow.oracles.evidence.paired_metrics import paired_values
 from vastflow.oracles.evidence.varied import chosen_rows
 from vastflow.oracles.results.executed import environment_names
-from vastflow.oracles.results.factors import Factor
 from vastflow.oracles.results.tables import PASS, Tables
-from vastflow.oracles.statistics.analysis import holm
-from vastflow.oracles.statistics.comparison import by_level
+from vastflow.oracles.statistics.comparison import difference
 from vastflow.oracles.statistics.intervals import LEVEL
 from vastflow.oracles.statistics.measured import interval_of_mean
 from vastflow.sim.world.environment import MAP_KEY
@@ -33,7 +31,7 @@ HARDER_BY: Final[Mapping[str, tuple[str, str]]] = {
 }
 """What makes a scene harder: its key, and the unit of its levels."""
 ERROR: Final = 1.0 - LEVEL
-"""Greatest adjusted p-value of a difference that is shown."""
+"""Probability that any interval of a table misses, at most, with a table of scenes."""
 
 
 def benchmark_text(tables: Tables) -> Iterator[RenderableType]:
@@ -70,50 +68,52 @@ def benchmark_text(tables: Tables) -> Iterator[RenderableType]:
 
 
 def scenes_text(found: Compared) -> Iterator[RenderableType]:
-    """Yield tables of passing and of time where both reached the goal, and sentences on where A or B loses."""
-    pairing, after = found.pairing, [match.after for match in found.pairing.matches]
-    inside = {group: np.isin(after, names) for group, names in _groups(found.after).items()}
-    factors = [Factor(scene, (level,), np.where(at, 0, -1)) for (scene, level), at in inside.items()]
-    passing = {(one.factor, one.level): one for one in by_level(factors, pairing.pairs())}
+    """Yield tables of passing and of time where both reached the goal, and sentences on where A or B loses.
+
+    The intervals of the scenes hold together; levels have none.
+    """
+    pairing, pairs, after = found.pairing, found.pairing.pairs(), [match.after for match in found.pairing.matches]
+    groups = {group: np.isin(after, names) for group, names in _groups(found.after).items()}
+    error = ERROR / sum(not level for _, level in groups)
+    _, both_s = paired_values(found.before, found.after, pairing)["time"]
     sides = ((found.before, pairing.row_before), (found.after, pairing.row_after))
     touched = np.column_stack([_contacts(tables)[rows] for tables, rows in sides])
-    unit, both_s = paired_values(found.before, found.after, pairing)["time"]
-    time = {
-        group: each
-        for group, at in inside.items()
-        for own_s in [np.where(at[pairing.configuration][:, None], both_s, np.nan)]
-        for each in metric_differences({"time": (unit, own_s)}, pairing, "these")
-    }
-    adjusted = dict(zip(time, holm([each.adjusted for each in time.values()]), strict=True))
-    rates, times = [], []
-    lost: dict[tuple[str, str], dict[tuple[str, str], str]] = {}
-    for group, one in passing.items():
-        change, (a, b) = one.difference, touched[inside[group][pairing.configuration]].sum(axis=0)
-        cells = f"{change.pairs}", share(change.before), share(change.after), f"{100 * change.difference:+.1f}"
-        rates.append((_label(*group), *cells, points(change.interval), p_text(one.adjusted), f"{a}", f"{b}"))
-        if (one.adjusted or 0.0) <= ERROR:
-            lost.setdefault(("AB"[change.difference < 0], "passes fewer runs"), {})[group] = (
-                f"{100 * abs(change.difference):.1f} points"
-            )
-    for group, each in time.items():
-        ends = "–" if each.interval is None else f"{each.interval[0]:+.1f} to {each.interval[1]:+.1f}"
-        means = f"{each.pairs}", f"{each.before:.1f}", f"{each.after:.1f}", f"{each.difference:+.1f}"
-        times.append((_label(*group), *means, ends, p_text(adjusted[group])))
-        if (adjusted[group] or 0.0) <= ERROR:
-            lost.setdefault(("AB"[each.difference > 0], "takes longer"), {})[group] = f"{abs(each.difference):.1f} s"
-    numbers = ("pairs", "A", "B", "difference", "95 %", "adjusted p")
-    yield terminal_table(("passed (%)",), (*numbers, "A touched", "B touched"), rows=rates)
+    rates, times, lost = [], [], dict[str, list[str]]()
+
+    def shown(scene: str, ends: tuple[float, float] | None, worse: tuple[str, str], by: str) -> None:
+        """Note who loses in a scene, A or B, where the interval of B less A says so."""
+        if ends is not None and not ends[0] <= 0.0 <= ends[1]:
+            lost.setdefault(worse[ends[0] > 0.0], []).append(f"{scene} ({by})")
+
+    for (scene, level), at in groups.items():
+        one = difference(pairs.of(at[pairs.configuration]), level=1.0 - error)
+        inside = at[pairing.configuration]
+        if one is not None:
+            change, (a, b) = 100 * one.difference, touched[inside].sum(axis=0)
+            ends = "" if level else points(one.interval)
+            cells = f"{one.pairs}", share(one.before), share(one.after), f"{change:+.1f}", ends, f"{a}", f"{b}"
+            rates.append((_label(scene, level), *cells))
+            if not level:
+                shown(
+                    scene,
+                    one.interval,
+                    ("B passes fewer runs in", "A passes fewer runs in"),
+                    f"{abs(change):.1f} points",
+                )
+        own_s = both_s[inside & np.isfinite(both_s).all(axis=1)]
+        if len(own_s):
+            (a_s, b_s), span_s = own_s.mean(axis=0), interval_of_mean(own_s[:, 1] - own_s[:, 0], error)
+            ends = "" if level or span_s is None else f"{span_s[0]:+.1f} to {span_s[1]:+.1f}"
+            times.append((_label(scene, level), f"{len(own_s)}", f"{a_s:.1f}", f"{b_s:.1f}", f"{b_s - a_s:+.1f}", ends))
+            if not level:
+                shown(scene, span_s, ("A takes longer in", "B takes longer in"), f"{abs(b_s - a_s):.1f} s")
+    numbers = ("pairs", "A", "B", "difference", "95 %, all scenes")
+    yield terminal_table(("passed",), (*numbers, "A touched", "B touched"), rows=rates)
     yield ""
     yield terminal_table(("time (s) where both reached the goal",), numbers, rows=times)
     yield ""
-    for (loser, what), where in lost.items():
-        # A level is named where the difference in its whole scene is not shown.
-        named = [
-            f"{scene}{f' at {level}' if level else ''} ({by})"
-            for (scene, level), by in where.items()
-            if not level or (scene, "") not in where
-        ]
-        yield Text(f"{loser} {what} in {', '.join(named)}", "yellow")
+    for what, where in lost.items():
+        yield Text(f"{what} {', '.join(where)}", "yellow")
     if not lost:
         yield Text("no difference in passing or time is shown in any scene")
 

@@ -157,8 +157,7 @@ def _differences(found: Compared) -> Table:
     whole = {} if one and found.oracle is None else {found.oracle or "all oracles": found.whole}
     judged = whole | {name: each for name, each in found.oracles.items() if name != found.oracle}
     rows = [
-        (name, *_rates(each), f"{each.lost:,}", f"{each.gained:,}", p_text(each.mcnemar))
-        for name, each in judged.items()
+        (name, *_rates(each), f"{each.lost:,}", f"{each.gained:,}", _p(each.mcnemar)) for name, each in judged.items()
     ]
     numbers = ("A", "B", "difference", f"95 %, {found.gate.target}", "lost", "gained", "McNemar p")
     return terminal_table(("judged by",), numbers, rows=rows)
@@ -176,7 +175,7 @@ def _changes(found: Compared, title: str, changes: Sequence[Change], most: int) 
         match = found.pairing.matches[change.configuration]
         name = match.after if match.after == match.before else f"{match.after} (was {match.before})"
         passes = (f"{passed} of {change.pairs}" for passed in (change.before, change.after))
-        rows.append((name, *passes, p_text(change.adjusted)))
+        rows.append((name, *passes, _p(change.adjusted)))
     yield terminal_table(("configuration",), ("A", "B", "adjusted p"), rows=rows)
     yield from _more(len(changes) - most)
 
@@ -190,7 +189,7 @@ def _levels(found: Compared) -> Table:
     order = sorted(found.levels, key=lambda one: 2.0 if one.adjusted is None else one.adjusted)
     chosen = {id(one) for one in order[:MOST_LEVELS]}
     rows = [
-        (one.factor, one.level, f"{one.difference.pairs:,}", *_rates(one.difference), p_text(one.adjusted))
+        (one.factor, one.level, f"{one.difference.pairs:,}", *_rates(one.difference), _p(one.adjusted))
         for one in found.levels
         if id(one) in chosen
     ]
@@ -208,7 +207,7 @@ def _metrics(found: Compared) -> Table:
             f"{one.after:.3g}",
             f"{one.difference:+.3g}",
             "–" if one.interval is None else f"{one.interval[0]:+.3g} to {one.interval[1]:+.3g}",
-            p_text(one.adjusted),
+            _p(one.adjusted),
             f"{one.most} {one.most_difference:+.3g}" if one.equal < one.pairs else "–",
         )
         for one in found.metrics
@@ -222,13 +221,12 @@ def _explained(found: Compared) -> Table:
     rows = []
     for one in found.explained[:MOST_LEVELS]:
         levels = (f"{level}: {mean:+.3g}" for level, mean in zip(one.levels, one.means, strict=True))
-        rows.append((one.name, one.metric, ", ".join(levels), p_text(one.these.adjusted), p_text(one.others.adjusted)))
+        rows.append((one.name, one.metric, ", ".join(levels), _p(one.these.adjusted), _p(one.others.adjusted)))
     names = ("factor", "changes the difference in", "B less A at each level")
     return terminal_table(names, ("p, these", "p, others"), rows=rows)
 
 
-def p_text(value: float | None) -> str:
-    """Return a p-value, or a dash where there is none."""
+def _p(value: float | None) -> str:
     return "–" if value is None else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 

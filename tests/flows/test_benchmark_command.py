@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from command_line import options_of, options_on, refused
+import pytest
+from command_line import called, refused
 from judged_directory import write
 from packed_barn import packed
 from table import each_row
@@ -22,7 +23,6 @@ from vastflow.sim.system.system import system_of
 
 NAV2 = Path(__file__).parents[2] / "campaigns" / "nav2"
 SCENES = {"office": 12, "doors": 10, "crossings": 24, "s-turn": 6, "open-hall": 4}
-RUNS = 10
 
 
 def instantiated(folder, nav2_params, barn=None):
@@ -56,10 +56,6 @@ def test_robot_with_a_map_drives_barn_without_it_and_other_scenes_with_it(tmp_pa
 def test_three_files_are_refused(tmp_path):
     files = [word for name in ("a", "b", "c") for word in ("--params", tmp_path / name)]
     assert refused("benchmark", *files) == "--params: expected one file or two, got 3"
-
-
-def test_page_has_all_options():
-    assert options_on("benchmark-controllers.md") == options_of("benchmark")
 
 
 def directory(folder, **scenes):
@@ -116,3 +112,22 @@ def test_sentence_says_where_one_loses(after, sentence, tmp_path):
     before = directory(tmp_path / "a", hall="p" * 20, doors="p" * 20)
     found = compared(before, directory(tmp_path / "b", hall=after[0], doors=after[1]))
     assert shown(scenes_text(found), tmp_path).rstrip().splitlines()[-1] == sentence
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.usefixtures("flow_folder")
+def test_benchmark_names_the_slower_of_two_controllers_and_no_difference_of_one_from_itself(tmp_path):
+    text = (NAV2 / "jazzy_mppi.yaml").read_text()
+    (tmp_path / "slow.yaml").write_text(text.replace("vx_max: 0.5", "vx_max: 0.25"))
+    places = ("--store", tmp_path / "store", "--results", tmp_path / "results", "--out", tmp_path / "benchmark")
+    asked = ("--only", "open-hall", "--runs", 2, "--params", NAV2 / "jazzy_mppi.yaml")
+    for other, said in (
+        (tmp_path / "slow.yaml", "B takes longer in open-hall"),
+        (NAV2 / "jazzy_mppi.yaml", "no difference in passing or time is shown in any scene"),
+    ):
+        done = called("benchmark", *asked, "--params", other, *places)
+        assert done.exit_code == 0, done.output
+        assert "BARN is not run" in done.stdout
+        assert re.search(r"open-hall +8 +100.0 %", done.stdout)
+        assert said in done.stdout
