@@ -21,12 +21,11 @@ import pandas as pd
 import typer
 from bench_show import loop_s
 from jinja2 import Environment, StrictUndefined
-from numpy.typing import NDArray
-from scipy.stats import rankdata
+from scipy.stats import spearmanr
 
 from vastflow.flows.cli.barn import barn_worlds
 from vastflow.oracles.catalog.barn import scores
-from vastflow.oracles.statistics.intervals import clustered_interval
+from vastflow.oracles.statistics.intervals import LEVEL, clustered_interval, normal_quantile
 from vastflow.oracles.statistics.measured import interval_of_mean
 
 PAGE: Final = Path(__file__).parents[1] / "benchmarks.md"
@@ -36,7 +35,7 @@ OWN: Final = "as in the Nav2 file"
 """Name of the controller whose speed the campaign leaves alone."""
 _METRICS: Final = (*RATES, "time", "score_2_8", "score_4_8")
 _TEMPLATE: Final = Path(__file__).with_name("barn_page.md.j2")
-_RESAMPLES: Final = 2000
+_NEAR_ONE: Final = 1 - 1e-9
 
 Runs: TypeAlias = pd.DataFrame
 """A row for each run: `world`, `arrived`, `collided`, `timed_out`, `time` (s), `score_2_8`, `score_4_8`, NaN where it was not judged; `cpu_s`."""
@@ -58,44 +57,35 @@ def mean_over_worlds(runs: Runs, column: str) -> Mean | None:
     kept = runs[runs["arrived"] == 1] if column == "time" else runs
     by_world = kept.groupby("world")[column]
     means = by_world.mean().dropna().to_numpy()
-    if column in RATES:
-        found = clustered_interval(by_world.sum(), by_world.count())
-        ends = None if found is None else (found.low, found.high)
-    else:
-        ends = interval_of_mean(means, 0.05)
-    return None if ends is None else Mean(float(means.mean()), *ends)
+    if len(means) < 2:
+        return None
+    found = clustered_interval(by_world.sum(), by_world.count()) if column in RATES else None
+    low, high = (found.low, found.high) if found else interval_of_mean(means, 1 - LEVEL) or (np.nan, np.nan)
+    return Mean(float(means.mean()), low, high)
 
 
 def hardness(runs: Runs) -> pd.DataFrame:
     """Share of failed runs, and mean time (s) of those that arrived, NaN without one, by world."""
-    arrived = runs[runs["arrived"] == 1]
-    return pd.DataFrame(
-        {"failures": 1 - runs.groupby("world")["arrived"].mean(), "time": arrived.groupby("world")["time"].mean()}
-    )
+    time_s = runs["time"].where(runs["arrived"] == 1)
+    return runs.assign(failures=1 - runs["arrived"], time=time_s).groupby("world")[["failures", "time"]].mean()
 
 
 def correlations(a: Runs, b: Runs) -> dict[str, tuple[Mean | None, int]]:
     """Spearman's correlation of `hardness`, and the number of worlds that both have; None where either is the same in all.
 
-    Intervals are those of the bootstrap over worlds; resamples in which either is constant are left out.
+    Intervals are Bonett's and Wright's (Psychometrika 65 (2000) 23). A bootstrap's would be too narrow where only a few worlds have failures.
     """
     found: dict[str, tuple[Mean | None, int]] = {}
+    a, b = hardness(a), hardness(b)
     for column in ("failures", "time"):
-        both = pd.concat([hardness(each)[column] for each in (a, b)], axis=1, join="inner").dropna().to_numpy()
-        found[column] = None, len(both)
-        if len(both) and np.ptp(both, axis=0).all():
-            drawn = both[np.random.default_rng(0).integers(0, len(both), (_RESAMPLES, len(both)))]
-            ends = np.nanquantile(_spearman(drawn), (0.025, 0.975))
-            found[column] = Mean(float(_spearman(both[None])[0]), *ends.tolist()), len(both)
+        x, y = pd.concat([a[column], b[column]], axis=1, join="inner").dropna().to_numpy().T
+        found[column] = None, len(x)
+        if len(x) > 3 and np.ptp(x) and np.ptp(y):
+            value = float(spearmanr(x, y).statistic)
+            half = normal_quantile(LEVEL) * np.sqrt((1 + value**2 / 2) / (len(x) - 3))
+            middle = np.arctanh(np.clip(value, -_NEAR_ONE, _NEAR_ONE))
+            found[column] = Mean(value, *np.tanh((middle - half, middle + half)).tolist()), len(x)
     return found
-
-
-def _spearman(pairs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The correlation of each sample of `pairs` (K, n, 2); NaN where either is constant."""
-    ranks = rankdata(pairs, axis=1)
-    x, y = np.moveaxis(ranks - ranks.mean(axis=1, keepdims=True), 2, 0)
-    with np.errstate(invalid="ignore"):
-        return np.asarray((x * y).sum(axis=1) / np.sqrt((x * x).sum(axis=1) * (y * y).sum(axis=1)))
 
 
 def published_runs(file: Path, lengths_m: Mapping[int, float]) -> Runs:
@@ -170,23 +160,20 @@ def main(
     published: Annotated[Path | None, typer.Option(help="The file res/dwa_out.txt of a clone of BARN.")] = None,
     results: Annotated[Path, typer.Option(help="Folder for campaign directories.")] = Path("results"),
     page: Annotated[Path, typer.Option(help="Where the page is written, its picture in images/.")] = PAGE,
-    workers: int = 2,
     every: Annotated[int, typer.Option(help="Take every n-th of the 300 worlds.")] = 6,
     runs: Annotated[int, typer.Option(help="Runs of each controller in each of them.")] = 10,
 ) -> None:
     """Run MPPI, DWB, and Regulated Pure Pursuit in the worlds of BARN, and write the page of their results."""
     file = results / "barn-loops.json"
     before_s = loop_s()
-    found = [
-        _campaign(worlds, params, results, workers, *each)
-        for each in ((every, runs, True), (max(every // 6, 1), 1, False))
-    ]
+    asked = (every, runs, True), (max(every // 6, 1), 1, False)
+    found = [_campaign(worlds, params, results, *each) for each in asked]
     if any(each["executed"] for each in found) or not file.is_file():
         file.write_text(json.dumps([before_s, loop_s()]))
     protocol, every_world = (Path(each["results"]) for each in found)
     lengths_m = {number: world.length_m for number, world in barn_worlds(worlds, 1).items()}
-    beside = None if published is None else published_runs(published, lengths_m)
-    text = barn_page(runs_of(protocol), runs_of(every_world), beside, json.loads(file.read_text()))
+    theirs = published and published_runs(published, lengths_m)
+    text = barn_page(runs_of(protocol), runs_of(every_world), theirs, json.loads(file.read_text()))
     page.write_text(text, encoding="utf-8")
     picture = page.parent / PICTURE
     picture.parent.mkdir(exist_ok=True)
@@ -194,7 +181,7 @@ def main(
     print(f"written: {page}, {picture}")
 
 
-def _campaign(worlds: Path, params: Path, results: Path, workers: int, every: int, runs: int, varied: bool) -> Any:
+def _campaign(worlds: Path, params: Path, results: Path, every: int, runs: int, varied: bool) -> Any:
     """The summary of a campaign in every so many worlds, of all controllers or of the file's own."""
     with tempfile.TemporaryDirectory(prefix="barn-page-") as folder:
         file = Path(folder) / "barn" / "barn.vast"
@@ -202,7 +189,7 @@ def _campaign(worlds: Path, params: Path, results: Path, workers: int, every: in
         if varied:
             text = file.read_text(encoding="utf-8")
             file.write_text(re.sub(r"^      # (- OneOf|    )", r"      \1", text, flags=re.MULTILINE), encoding="utf-8")
-        return json.loads(_vastflow("run", file, "--runs", runs, "--results", results, "--workers", workers, "--json"))
+        return json.loads(_vastflow("run", file, "--runs", runs, "--results", results, "--json"))
 
 
 def _vastflow(*given: object) -> str:

@@ -94,7 +94,8 @@ def test_correlation_is_that_of_ranks_over_shared_worlds():
     easy_first, times_s = published([20, 30, 40, 50, 60]), [20, 22, 47, 46, 90]
     found, worlds = correlations(easy_first, published(times_s))["time"]
     assert (found.value, worlds) == (pytest.approx(0.9), 5)
-    assert -1 <= found.low < found.value < found.high <= 1
+    # Half the width of Fisher's z is 1.96 √((1 + 0.9² / 2) / 2).
+    assert (found.low, found.high) == pytest.approx((-0.1689, 0.9961), abs=1e-4)
     assert correlations(easy_first, published(times_s[:4]))["failures"][0].value == pytest.approx(1.0)
     assert correlations(easy_first, published([20, 30, 35]))["failures"] == (None, 3)
 
