@@ -99,7 +99,7 @@ def compared_until_decided(
     """Run two campaigns until it is decided whether the second loses, and compare them.
 
     Round r adds run r of every configuration. The rounds end once a loss of `margin` or more is ruled out, a loss is shown, or nothing can
-    change. All of it is read from one interval that holds at every look, so at most 5 % of comparisons end with anything false. With a margin
+    change. All of it is read from one interval that holds at every look, so at most 5 % of comparisons end with a false decision. With a margin
     of 0, the rounds end once the second is shown to be better or worse. The directories of the last round stay, in the requests' results.
 
     Args:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sequential_comparison import Planted, measured
 
 from vastflow.oracles.statistics.intervals import mean_interval
 from vastflow.oracles.statistics.sequential import interval_at_any_look, log_wealth
@@ -80,6 +81,15 @@ def test_interval_learns_nothing_from_copies_with_the_same_noise(values, copies)
     alone = interval_at_any_look(values)
     copied = interval_at_any_look(np.repeat(values, copies), np.repeat(np.arange(len(values)), copies))
     assert copied == pytest.approx(alone, abs=1e-9)
+
+
+def test_claims_are_rarely_false_unless_shared_noise_is_ignored():
+    false = {}
+    for kind in ("spread", "shared", "ignored"):
+        found = measured(Planted(kind, 50, 20, 0.05, -0.05), 200, np.random.default_rng(7))
+        false[kind] = found.false
+    assert max(false["spread"], false["shared"]) <= 0.025
+    assert false["ignored"] > 0.1
 
 
 @pytest.mark.parametrize("values", [[], [0.0, 1.5], [float("nan")]])
