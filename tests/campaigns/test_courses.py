@@ -1,4 +1,4 @@
-"""The courses after ISO 18646-2 and ASTM F3244: what their files ask for, and that the passage is as wide as its name says."""
+"""The courses after ISO 18646-2 and ASTM F3244: what their files ask for."""
 
 from pathlib import Path
 
