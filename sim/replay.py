@@ -183,7 +183,7 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box, overview: bool = True) -
         overview: False for an empty one, which takes no time.
     """
     m, frame, planning = stack.m[0], _frame(stack), planning_frame(stack)
-    odom = placed(Pose(float(m["map_odom_x"]), float(m["map_odom_y"]), float(m["map_odom_yaw"])), planning)
+    odom = _odom(stack)
     plan = stack.route.path[int(m["path_i"]) : int(m["path_n"]), :2].copy()
     x_m, y_m, resolution_m = stack.grids.place.tolist()
     place = x_m, y_m, resolution_m
@@ -248,9 +248,7 @@ def published_by(stack: Stack, tick: int) -> Published:
     m, p = stack.m[0], stack.p[0]
     scan = int(m["scans_used"]) if p["late"] else tick // int(p["scan_ticks"]) + 1
     began_s = m["late_scans"][(scan - 1) % state.LATE_SCANS][1] * TICK_S / state.SUBSTEPS
-    # Before the first pose is set the filter places nothing; odometry then still starts where the robot does.
-    place = ("map_odom_x", "map_odom_y", "map_odom_yaw") if m["initialized"] else ("x", "y", "yaw")
-    odom = placed(Pose(*(float(m[name]) for name in place)), planning_frame(stack))
+    odom = _odom(stack)
     return Published(
         odometry=Pose(float(m["odom_x"]), float(m["odom_y"]), wrapped(float(m["odom_yaw"]))),
         map_odom=_frame(stack).pose_to_map(replace(odom, yaw_rad=wrapped(odom.yaw_rad))),
@@ -267,6 +265,14 @@ def published_by(stack: Stack, tick: int) -> Published:
 def _frame(stack: Stack) -> GridFrame:
     p = stack.p[0]
     return GridFrame((float(p["origin_x"]), float(p["origin_y"])), float(p["grid_yaw"]))
+
+
+def _odom(stack: Stack) -> Pose:
+    """Return the pose of the frame `odom` in the grid's frame."""
+    m = stack.m[0]
+    # Before the first pose is set the filter places nothing; odometry then still starts where the robot does.
+    place = ("map_odom_x", "map_odom_y", "map_odom_yaw") if m["initialized"] else ("x", "y", "yaw")
+    return placed(Pose(*(float(m[name]) for name in place)), planning_frame(stack))
 
 
 def _in_map(patch: Patch, planning: Pose, frame: GridFrame) -> Patch:

@@ -18,7 +18,7 @@ from vastflow.oracles.figures.maps import FREE, UNKNOWN, WALL, draw_zones
 from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK
 from vastflow.oracles.replay.bands import bands
 from vastflow.oracles.replay.story import Story
-from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.pose import Pose, placed_points
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.replay import Box, Moment, Patch, TickSnapshot
 from vastflow.sim.world.occupancy import OccupancyMap
@@ -96,15 +96,20 @@ def ground(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.uint8]:
     picture[patch.inscribed] = _INSCRIBED
     picture[patch.lethal] = _MARKED
     picture[patch.unknown] = UNKNOWN
-    # A cell of the patch is one or more cells of the map, and a wall where one of these is.
-    k = round(patch.resolution_m / occupancy.resolution_m)
-    row, column = np.rint(occupancy.in_cells(np.array([(patch.corner.x_m, patch.corner.y_m)])))[0].astype(int).tolist()
-    rows, columns = costs.shape
-    part = occupancy.occupied[row : row + rows * k, column : column + columns * k]
-    walls = np.zeros((rows * k, columns * k), dtype=np.bool_)
-    walls[: part.shape[0], : part.shape[1]] = part
-    picture[walls.reshape(rows, k, columns, k).any(axis=(1, 3))] = WALL
+    picture[_standing(occupancy, patch)] = WALL
     return picture
+
+
+def _standing(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.bool_]:
+    """Whether a cell (R, C) of the patch, at points no farther apart than the map's cells, lies in walls."""
+    (rows, columns), k = patch.costs.shape, max(1, math.ceil(patch.resolution_m / occupancy.resolution_m - 1e-6))
+    rows_in, columns_in = np.indices((rows * k, columns * k)).reshape(2, -1) + 0.5
+    points = np.column_stack([columns_in, rows_in]) * (patch.resolution_m / k)
+    row, column = np.floor(occupancy.in_cells(placed_points(points, patch.corner))).astype(np.int64).T
+    inside = (row >= 0) & (row < occupancy.shape[0]) & (column >= 0) & (column < occupancy.shape[1])
+    walls = np.zeros(len(points), dtype=np.bool_)
+    walls[inside] = occupancy.occupied[row[inside], column[inside]]
+    return np.asarray(walls.reshape(rows, k, columns, k).any(axis=(1, 3)))
 
 
 def _inflated(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -1,5 +1,6 @@
 """Pictures of a replay, and its words, times, and highlights."""
 
+import math
 import subprocess
 from dataclasses import replace
 from itertools import pairwise
@@ -142,6 +143,25 @@ def test_ground_colors_costs_under_walls(occupancy):
     assert red == sorted(red, reverse=True) and len(set(red)) == 4
     coarse = ground(occupancy, Patch(np.zeros((20, 20), dtype=np.uint8), Pose(0.0, 0.0), 0.2))
     assert (tuple(coarse[0, 10]), tuple(coarse[10, 10])) == (WALL, FREE)
+
+
+def test_ground_finds_walls_in_a_patch_in_any_frame(occupancy):
+    """A costmap in odometry's frame lies across the map, with cells of another size, and beyond it."""
+    corner = Pose(-1.0, 2.0, -0.6)
+    patch = Patch(np.zeros((60, 90), dtype=np.uint8), corner, 0.06)
+    found = (ground(occupancy, patch) == WALL).all(axis=2)
+    c, s = math.cos(corner.yaw_rad), math.sin(corner.yaw_rad)
+    for row, column in np.argwhere(occupancy.occupied):
+        x_m, y_m = occupancy.center_of(row, column)
+        x_m, y_m = x_m - corner.x_m, y_m - corner.y_m
+        near_row, near_column = int((c * y_m - s * x_m) // 0.06), int((c * x_m + s * y_m) // 0.06)
+        if 1 <= near_row < 59 and 1 <= near_column < 89:
+            assert found[near_row - 1 : near_row + 2, near_column - 1 : near_column + 2].any()
+    rows, columns = np.nonzero(found)
+    x, y = (columns + 0.5) * 0.06, (rows + 0.5) * 0.06
+    x_m, y_m = corner.x_m + c * x - s * y, corner.y_m + s * x + c * y
+    from_rim_m = np.min([abs(x_m), abs(4.0 - x_m), abs(y_m), abs(4.0 - y_m)], axis=0)
+    assert len(rows) > 50 and from_rim_m.max() < 0.05 + 0.06
 
 
 def texts(figure):

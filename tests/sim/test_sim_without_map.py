@@ -237,6 +237,17 @@ def test_pictures_lie_where_odometry_began():
         assert abs(np.hypot(*(placed_m - (column.x_m, column.y_m)).T) - 0.15).min() < 0.06
 
 
+def test_first_scan_is_seen_where_robot_stands():
+    """Nothing places odometry before the first pose is set."""
+    parameters = window()
+    loop = ClosedLoop(prepare(columns(), Lidar(), parameters), parameters, Lidar(), Robot(), START, (), (1, 2, 3), 60.0)
+    loop.advance(1)
+    scan_xy_m = snapshot_of(loop.stack, moment_of(loop.stack, 0), Area(-20.0, -20.0, 20.0, 20.0)).scan_xy_m
+    column = ahead(2.0, 0.1)
+    assert len(scan_xy_m)
+    assert abs(np.hypot(*(scan_xy_m - (column.x_m, column.y_m)).T) - 0.15).min() < 1e-3
+
+
 @njit
 def updated(parameters, memory, grids):
     update_global(parameters[0], memory[0], grids)
