@@ -153,6 +153,11 @@ def test_person_reaches_the_desired_speed_within_the_relaxation_time():
     assert speed[95] == pytest.approx(1.0, abs=1e-3)
 
 
+def test_person_looks_where_it_walks():
+    people = people_at([(-5.0, 0.0)], [(0.0, 0.0)], goals_m=[(-2.0, 6.0)])
+    assert walked(people, 40)[-1, 0, 2] == pytest.approx(math.atan2(6.0, 3.0), abs=1e-6)
+
+
 def test_people_walk_no_faster_than_the_limit():
     people = people_at([(0.0, 0.0), (-1.0, 0.1)], [(3.0, 0.0), (0.0, 0.0)], 1.0, [(9.0, 0.0), (-9.0, 0.0)])
     walked(people, 1)
@@ -198,6 +203,14 @@ def test_person_avoids_the_robot_only_as_asked():
         assert poses[-1, :2] == pytest.approx((4.0, 0.0), abs=0.4)
     assert least_m[False] == pytest.approx(0.02, abs=0.01)
     assert least_m[True] > 0.25 + 0.17
+
+
+def test_person_avoids_a_robot_that_comes_by_its_velocity():
+    crowd = crowd_of(Pedestrian(waypoints=((0.0, 0.0),)))
+    crowd.walk(1, Pose(1.05, 0.06), True)
+    crowd.walk(1, Pose(1.0, 0.1), False)
+    # It stands where it wants to, and the robot comes at (-1, 0.8) m/s.
+    assert crowd._people.v_mps[0] == pytest.approx(np.multiply(0.05, interaction(1.0, 0.1, 1.0, -0.8, BIAS)), rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -294,3 +307,12 @@ def test_people_are_where_they_are_whatever_the_robot_does_unless_they_avoid_it(
     one, other = places(avoids_robot=False)
     assert np.array_equal(one, other)
     assert not np.array_equal(*places(avoids_robot=True, count=5))
+
+
+def test_person_walks_round_a_cylinder_that_stands(two_rooms):
+    scenario = people_in(two_rooms, count=1, waypoints=[[5.5, 2.5], [7.4, 2.5]], avoids_robot=False)
+    cylinder = {"model": "cylinder", "spawn_pose": {"x": 6.4, "y": 2.4}, "xacro_arguments": "radius:=0.2"}
+    columns = run(replace(scenario, environment={**scenario.environment, "static_objects": [cylinder]}), 0, 7).columns
+    x_m, y_m = (columns[f"mover_{axis}_mm/person 0"] * 1e-3 for axis in "xy")
+    assert x_m.min() < 5.8 and x_m.max() > 7.0
+    assert 0.44 < np.hypot(x_m - 6.4, y_m - 2.4).min() < 0.6
