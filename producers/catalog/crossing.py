@@ -2,15 +2,14 @@
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Final, Self
+from collections.abc import Callable, Mapping
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from vastflow.producers.catalog.mover import Entries, MoverProducer
-from vastflow.producers.model import producer
+from vastflow.producers.catalog.mover import BodyParameters, Entries, MoverProducer
 from vastflow.producers.model.numbers import DEFAULT_ROBOT_DIAMETER_M, NotNegative, Numbers, Positive, Positives
 from vastflow.producers.model.producer import Draws
 from vastflow.producers.places.clearance import taut
@@ -20,7 +19,7 @@ from vastflow.producers.places.route import corners
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY, given_goals, given_start
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.elementary import cos_sin, dist, hypot
-from vastflow.sim.reading.movers import MOVERS_KEY, mover_shapes
+from vastflow.sim.reading.movers import MOVERS_KEY
 from vastflow.sim.world.environment import MAP_KEY
 
 HEADING_M: Final = 1.0
@@ -29,13 +28,11 @@ _STEP: Final = 0.5
 """Cells between the points of a straight line that are examined."""
 
 
-class CrossingParameters(producer.Parameters):
+class CrossingParameters(BodyParameters):
     """Parameters of `CrossingVariation`."""
 
     name: Annotated[str, Field(min_length=1)] = "crossing"
     """Name of the body."""
-    shape: dict[str, Positive] = Field(default_factory=lambda: {"radius_m": 0.25})
-    """`{radius_m: …}` or `{length_m: …, width_m: …}`."""
     encounter_s: Positives
     """Time of the run at which the body is on the robot's path, where the robot is then; one value or several."""
     angle_deg: Numbers = (90.0,)
@@ -53,11 +50,6 @@ class CrossingParameters(producer.Parameters):
     robot_diameter: Positive = DEFAULT_ROBOT_DIAMETER_M
     """Diameter of the robot that finds the path (m)."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        mover_shapes({MOVERS_KEY: [{"name": self.name, "shape": self.shape}]})  # a ValueError
-        return self
-
 
 class CrossingVariation(MoverProducer[CrossingParameters]):
     """A body at constant velocity that meets the robot on its path, at a time and an angle.
@@ -69,22 +61,17 @@ class CrossingVariation(MoverProducer[CrossingParameters]):
     """
 
     Parameters = CrossingParameters
+    names = ("encounter_s", "angle_deg", "speed", "late_s")
 
     reads = (MAP_KEY, START_KEY, GOAL_KEY, GOALS_KEY, MOVERS_KEY)
 
-    @property
-    def factors(self) -> Mapping[str, Sequence[Value]]:
-        return {name: getattr(self.parameters, name) for name in ("encounter_s", "angle_deg", "speed", "late_s")}
-
-    def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str]:
+    def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str] | str:
         asked = self.parameters
-        (shape,) = mover_shapes({MOVERS_KEY: [{"name": asked.name, "shape": asked.shape}]}).values()
         try:
             line = robot_path(inputs, asked.robot_diameter)
         except ValueError as error:
-            reason = str(error)
-            return lambda *values: reason
-        ground = ground_of(map_of(inputs), 2 * shape.circumradius_m)
+            return str(error)
+        ground = ground_of(map_of(inputs), asked.diameter_m)
 
         def body(*values: float) -> Entries | str:
             motion = self._motion(line, ground, *values)

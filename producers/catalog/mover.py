@@ -4,7 +4,7 @@ import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Annotated, Literal, Self, TypeAlias, TypeVar
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -26,6 +26,9 @@ P = TypeVar("P", bound=producer.Parameters)
 class MoverProducer(Producer[P]):
     """Base of producers that add bodies that move to those that are there."""
 
+    names: ClassVar[tuple[str, ...]]
+    """Parameters with the values of each factor; earlier ones vary outermost."""
+
     needs = (MAP_KEY,)
 
     @property
@@ -33,13 +36,12 @@ class MoverProducer(Producer[P]):
         return {MOVERS_KEY: self.parameters.dimension}
 
     @property
-    @abstractmethod
     def factors(self) -> Mapping[str, Sequence[Value]]:
-        """The values of each factor; earlier ones vary outermost."""
+        return {name: getattr(self.parameters, name) for name in self.names}
 
     @abstractmethod
-    def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str]:
-        """Return the function from a value of each factor to bodies, or to the reason why there are none."""
+    def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str] | str:
+        """Return the function from a value of each factor to bodies, or the reason why there are none, as that may."""
 
     @property
     def most_choices(self) -> int:
@@ -53,20 +55,35 @@ class MoverProducer(Producer[P]):
         provenance = f"{REQUESTED}{MOVERS_KEY}{'+' if known else ''}"
         for values in itertools.product(*self.factors.values()):
             requested = dict(zip(self.factors, values, strict=True))
-            found = make(*values)
+            found = make if isinstance(make, str) else make(*values)
             if isinstance(found, str):
                 yield Rejection(found, requested)
             else:
                 yield Fragment({MOVERS_KEY: [*so_far, *found], provenance: requested})
 
 
-class MoverParameters(producer.Parameters):
-    """Parameters of `MoverVariation`: those of an entry of `movers`, some of them one value or several."""
+class BodyParameters(producer.Parameters):
+    """Parameters of a body."""
 
     name: Annotated[str, Field(min_length=1)] = "mover"
     """Name of the body."""
     shape: dict[str, Positive] = Field(default_factory=lambda: {"radius_m": 0.25})
     """`{radius_m: …}` or `{length_m: …, width_m: …}`."""
+
+    @property
+    def diameter_m(self) -> float:
+        (shape,) = mover_shapes({MOVERS_KEY: [{"name": self.name, "shape": self.shape}]}).values()
+        return 2 * shape.circumradius_m
+
+    @model_validator(mode="after")
+    def _check_shape(self) -> Self:
+        _ = self.diameter_m  # a ValueError
+        return self
+
+
+class MoverParameters(BodyParameters):
+    """Parameters of `MoverVariation`: those of an entry of `movers`, some of them one value or several."""
+
     waypoints: list[list[Number]]
     """Two or more places `[x, y]` in the map's frame (m)."""
     speed_m_s: Positives = (1.0,)
@@ -80,19 +97,13 @@ class MoverParameters(producer.Parameters):
     phase_s: NotNegative = 0.0
     """Greatest time by which it is ahead of that, drawn for each run (s)."""
 
-    @property
-    def listed(self) -> Mapping[str, Sequence[Value]]:
-        """The values of each factor."""
-        return {name: getattr(self, name) for name in ("speed_m_s", "pause_s", "start_s")}
-
-    def entry(self, *values: Value) -> dict[str, Value]:
-        """Return the mover of a value of each factor."""
-        chosen = dict(zip(self.listed, values, strict=True))
-        return {**self.model_dump(include={"name", "shape", "waypoints", "loop", "phase_s"}), **chosen}
+    def entry(self, speed_m_s: float, pause_s: float, start_s: float) -> dict[str, Value]:
+        chosen = {"speed_m_s": speed_m_s, "pause_s": pause_s, "start_s": start_s}
+        return {**self.model_dump(exclude={"dimension"}), **chosen}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        for values in itertools.product(*self.listed.values()):
+        for values in itertools.product(self.speed_m_s, self.pause_s, self.start_s):
             movers_of({MOVERS_KEY: [self.entry(*values)]})  # a ValueError
         return self
 
@@ -104,18 +115,13 @@ class MoverVariation(MoverProducer[MoverParameters]):
     """
 
     Parameters = MoverParameters
+    names = ("speed_m_s", "pause_s", "start_s")
 
     reads = (MAP_KEY, MOVERS_KEY)
 
-    @property
-    def factors(self) -> Mapping[str, Sequence[Value]]:
-        return self.parameters.listed
-
-    def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str]:
-        asked = self.parameters
-        (shape,) = mover_shapes({MOVERS_KEY: [asked.entry(1.0, 0.0, 0.0)]}).values()
-        ground = ground_of(map_of(inputs), 2 * shape.circumradius_m)
-        blocked = next((at for at in asked.waypoints if not ground.stands(*at)), None)
-        return lambda *values: (
-            [asked.entry(*values)] if blocked is None else f"{asked.name} would stand in a wall at {blocked}"
-        )
+    def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str] | str:
+        asked, ground = self.parameters, ground_of(map_of(inputs), self.parameters.diameter_m)
+        for at in asked.waypoints:
+            if not ground.stands(*at):
+                return f"{asked.name} would stand in a wall at {at}"
+        return lambda *values: [asked.entry(*values)]
