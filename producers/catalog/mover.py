@@ -20,7 +20,16 @@ from vastflow.sim.world.environment import MAP_KEY
 
 Entries: TypeAlias = Sequence[Mapping[str, Value]]
 """Movers as the key `movers` has them."""
-P = TypeVar("P", bound=producer.Parameters)
+
+
+class NamedParameters(producer.Parameters):
+    """Parameters of a producer of bodies that move."""
+
+    name: Annotated[str, Field(min_length=1)] = "mover"
+    """Name of the body, or the beginning of several names."""
+
+
+P = TypeVar("P", bound=NamedParameters)
 
 
 class MoverProducer(Producer[P]):
@@ -51,8 +60,8 @@ class MoverProducer(Producer[P]):
         """Yield the bodies of each combination of factors."""
         make, known = self.maker(inputs, draws), inputs.get(MOVERS_KEY, ())
         so_far: Entries = known if isinstance(known, list | tuple) else ()
-        # A second producer does not overwrite what was requested of the first.
-        provenance = f"{REQUESTED}{MOVERS_KEY}{'+' if known else ''}"
+        # A further producer does not overwrite what was requested of those before.
+        provenance = f"{REQUESTED}{MOVERS_KEY}.{self.parameters.name}"
         for values in itertools.product(*self.factors.values()):
             requested = dict(zip(self.factors, values, strict=True))
             found = make if isinstance(make, str) else make(*values)
@@ -62,11 +71,9 @@ class MoverProducer(Producer[P]):
                 yield Fragment({MOVERS_KEY: [*so_far, *found], provenance: requested})
 
 
-class BodyParameters(producer.Parameters):
+class BodyParameters(NamedParameters):
     """Parameters of a body."""
 
-    name: Annotated[str, Field(min_length=1)] = "mover"
-    """Name of the body."""
     shape: dict[str, Positive] = Field(default_factory=lambda: {"radius_m": 0.25})
     """`{radius_m: …}` or `{length_m: …, width_m: …}`."""
 

@@ -7,8 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from vastflow.producers.catalog.crossing import taut_m
-from vastflow.producers.catalog.mover import Entries, MoverProducer
-from vastflow.producers.model import producer
+from vastflow.producers.catalog.mover import Entries, MoverProducer, NamedParameters
 from vastflow.producers.model.configuration import DRAW
 from vastflow.producers.model.numbers import Amounts, Count, Flags, NotNegative, Positive, Seed
 from vastflow.producers.model.producer import Draws
@@ -27,7 +26,7 @@ TRIES: Final = 50
 """Routes that are drawn for a person."""
 
 
-class PedestrianParameters(producer.Parameters):
+class PedestrianParameters(NamedParameters):
     """Parameters of `PedestrianVariation`."""
 
     amount: Amounts

@@ -33,7 +33,7 @@ def test_person_that_crosses_meets_the_robot_at_the_encounter():
     """The robot is expected 10 s after the start where a person from its right passes."""
     found = configurations_of("crossing.vast").configurations
     asked = {"angle_deg": 90.0, "speed": 1.5, "late_s": 0.0}
-    (chosen,) = [c for c in found if asked.items() <= c.provenance["_requested_movers"].items()]
+    (chosen,) = [c for c in found if asked.items() <= c.provenance["_requested_movers.crossing"].items()]
     contacts = [event for event in run(chosen.scenario, 0, 0).run.events if event.kind == "contact"]
     assert contacts[0].what == "crossing"
     assert 9.0 < contacts[0].t_s < 10.5

@@ -92,6 +92,19 @@ def test_touches_in_quick_succession_are_one_contact():
     assert verdict.reason.startswith("touched 'cart' at 0.85 s")
 
 
+def test_touches_of_two_bodies_at_once_are_two_contacts():
+    once = trace_with((0.2, 0.0), (0.9, 0.0), (0.0, 0.0), seconds=2.0)
+    columns = {**once.columns} | {
+        f"mover_{x}/other": once.columns[f"mover_{x}/cart"] for x in ("x_m", "y_m", "yaw_rad")
+    }
+    events = tuple(
+        Event(t_s, "contact", 0.0, 0.0, what, 1.0) for t_s, what in ((0.8, "cart"), (0.9, "other"), (1.0, "cart"))
+    )
+    both = replace(SITUATION, movers={"cart": Disc(BODY_M), "other": Disc(BODY_M)})
+    verdict = oracle_of("social", {}).judge(replace(once, columns=columns, run=replace(once.run, events=events)), both)
+    assert verdict.metrics["contacts"].value == 2
+
+
 def test_shares_of_time_are_those_within_hall_distances():
     # The gap falls from 2.0 m at 1 m/s: within 1.2 m from 0.8 s on, within 0.45 m from 1.55 s on, 0 at 2 s.
     trace = trace_with((0.0, 0.0), (2.5, 0.0), (-1.0, 0.0), seconds=2.0)

@@ -71,7 +71,9 @@ def test_angle_counts_from_the_direction_of_the_path(inputs):
     for item in evaluate(crossing(encounter_s=5.0, angle_deg=[60, -90], run_up=0.5), {**inputs, **upward}):
         (x0, y0, _), (x1, y1, _) = (rule_of(item).pose_at(t_s) for t_s in (4.8, 5.2))
         turned_rad = math.remainder(math.atan2(y1 - y0, x1 - x0) - math.pi / 2, math.tau)
-        assert math.degrees(turned_rad) == pytest.approx(item.values["_requested_movers"]["angle_deg"], abs=0.1)
+        assert math.degrees(turned_rad) == pytest.approx(
+            item.values["_requested_movers.crossing"]["angle_deg"], abs=0.1
+        )
 
 
 def test_body_walks_on_free_ground_and_is_not_late_for_lack_of_it(inputs):
@@ -127,7 +129,10 @@ def test_second_crossing_keeps_the_first_and_what_was_requested_of_it(inputs):
     assert isinstance(second, Fragment)
     assert [entry["name"] for entry in second.values["movers"]] == ["one", "two"]
     assert second.values["movers"][0] == first.values["movers"][0]
-    assert (first.values["_requested_movers"]["angle_deg"], second.values["_requested_movers+"]["angle_deg"]) == (
+    assert (
+        first.values["_requested_movers.one"]["angle_deg"],
+        second.values["_requested_movers.two"]["angle_deg"],
+    ) == (
         90,
         -90,
     )

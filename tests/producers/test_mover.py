@@ -4,6 +4,7 @@ import pytest
 from pydantic import ValidationError
 
 from vastflow.producers.catalog.mover import MoverVariation
+from vastflow.producers.catalog.pedestrians import PedestrianVariation
 from vastflow.producers.model.configuration import Rejection
 from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate
@@ -37,14 +38,18 @@ def test_mover_follows_waypoints_as_asked(inputs):
     assert {(rule.waypoints, rule.loop, rule.pause_s, rule.phase_s) for rule in rules} == {
         (((0.5, -0.4), (5.5, -0.4)), "around", 1.0, 4.0)
     }
-    assert items[1].values["_requested_movers"] == {"speed_m_s": 0.5, "pause_s": 1.0, "start_s": 3.0}
+    assert items[1].values["_requested_movers.cart"] == {"speed_m_s": 0.5, "pause_s": 1.0, "start_s": 3.0}
 
 
-def test_mover_comes_after_others(inputs):
-    (first,) = evaluate(mover(), inputs)
-    (second,) = evaluate(mover(name="other"), {**inputs, **first.values})
-    assert [entry["name"] for entry in second.values["movers"]] == ["mover", "other"]
-    assert {key for key in second.values if key.startswith("_")} == {"_requested_movers+"}
+def test_movers_of_several_producers_are_told_apart(inputs):
+    people = PedestrianVariation.Parameters.model_validate({"amount": 0, "route": 2.0, "keep_off": 0})
+    found = dict(inputs)
+    for each in (PedestrianVariation(people), mover(), mover(name="other", speed_m_s=2)):
+        (item,) = evaluate(each, found)
+        found |= item.values
+    assert [entry["name"] for entry in found["movers"]] == ["mover", "other"]
+    assert found["_requested_movers.person"]["amount"] == 0
+    assert [found[f"_requested_movers.{name}"]["speed_m_s"] for name in ("mover", "other")] == [1.0, 2.0]
 
 
 @pytest.mark.parametrize("place", [[-0.9, -0.4], [-50.0, -0.4]])

@@ -60,7 +60,8 @@ def test_more_people_are_the_fewer_and_further_ones_on_equal_routes(inputs):
     routes = [[entry["waypoints"] for entry in item.values["movers"]] for item in items]
     assert routes[0] == routes[2] == routes[4][:2] == routes[6][:2]
     assert routes[0] != routes[1] and routes[4] == routes[6]
-    asked = [item.values["_requested_movers"] for item in items]
+    assert [movers_of(item.values)[0].rule.avoids_robot for item in items] == [True, True, False, False] * 2
+    asked = [item.values["_requested_movers.person"] for item in items]
     assert [(a["amount"], a["avoids_robot"], a["draw"]) for a in asked[:3]] == [
         (2, True, 1),
         (2, True, 2),
@@ -73,7 +74,7 @@ def test_pedestrians_come_after_other_movers(inputs):
     (first,) = evaluate(CrossingVariation(crossing), {**inputs, "goal_pose": {"x": 7.0, "y": 1.0}})
     (item,) = evaluate(pedestrians(amount=1), {**inputs, **first.values})
     assert [entry["name"] for entry in item.values["movers"]] == ["crossing", "person 1"]
-    assert {key for key in item.values if key.startswith("_")} == {"_requested_movers+"}
+    assert {key for key in item.values if key.startswith("_")} == {"_requested_movers.person"}
 
 
 def test_rooms_without_a_route_are_a_rejection(inputs):
