@@ -50,7 +50,10 @@ class MoverProducer(Producer[P]):
 
     @abstractmethod
     def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str] | str:
-        """Return the function from a value of each factor to bodies, or the reason why there are none, as that may."""
+        """Return the function from a value of each factor to bodies.
+
+        A text in place of either says why there are none.
+        """
 
     @property
     def most_choices(self) -> int:
