@@ -70,7 +70,7 @@ def benchmark_text(tables: Tables) -> Iterator[RenderableType]:
 def scenes_text(found: Compared) -> Iterator[RenderableType]:
     """Yield tables of passing and of time where both reached the goal, and sentences on where A or B loses.
 
-    The intervals of the scenes hold together; levels have none.
+    The intervals of the scenes hold together; levels have none, and times have none where runs ended by what they showed.
     """
     pairing, pairs, after = found.pairing, found.pairing.pairs(), [match.after for match in found.pairing.matches]
     groups = {group: np.isin(after, names) for group, names in _groups(found.after).items()}
@@ -86,7 +86,7 @@ def scenes_text(found: Compared) -> Iterator[RenderableType]:
             lost.setdefault(worse[ends[0] > 0.0], []).append(f"{scene} ({by})")
 
     for (scene, level), at in groups.items():
-        one = difference(pairs.of(at[pairs.configuration]), level=1.0 - error)
+        one = difference(pairs.of(at[pairs.configuration]), level=1.0 - error, at_any_look=found.gate.until_decided)
         inside = at[pairing.configuration]
         if one is not None:
             change, (a, b) = 100 * one.difference, touched[inside].sum(axis=0)
@@ -103,6 +103,7 @@ def scenes_text(found: Compared) -> Iterator[RenderableType]:
         own_s = both_s[inside & np.isfinite(both_s).all(axis=1)]
         if len(own_s):
             (a_s, b_s), span_s = own_s.mean(axis=0), interval_of_mean(own_s[:, 1] - own_s[:, 0], error)
+            span_s = None if found.gate.until_decided else span_s
             ends = "" if level or span_s is None else f"{span_s[0]:+.1f} to {span_s[1]:+.1f}"
             times.append((_label(scene, level), f"{len(own_s)}", f"{a_s:.1f}", f"{b_s:.1f}", f"{b_s - a_s:+.1f}", ends))
             if not level:

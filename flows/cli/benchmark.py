@@ -2,18 +2,23 @@
 
 import json
 import shlex
+import sys
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from vastflow.flows.cli.init import named, rendered
 from vastflow.flows.cli.run import asked_request, computing
+from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.terminal.ending import FAULT, check_writable, writing
 from vastflow.flows.terminal.options import asking
 from vastflow.sim.model.faults import UserError
+
+if TYPE_CHECKING:
+    from vastflow.flows.results.summary import Results
 
 DOORS_M: Final = (0.4, 0.45, 0.5, 0.6, 0.9)
 """Widths of doors."""
@@ -31,6 +36,13 @@ def benchmark(
     barn: Annotated[
         Path | None, typer.Option("--barn", metavar="DATA", help="Data of the BARN benchmark, for its worlds too.")
     ] = None,
+    until_decided: Annotated[
+        bool,
+        typer.Option(
+            "--until-decided",
+            help="With two files, run round by round until B loses or a loss of 2 points is ruled out.",
+        ),
+    ] = False,
     out: Annotated[
         Path, typer.Option(metavar="FOLDER", help="Folder for the campaign files, which are overwritten.")
     ] = Path("benchmark"),
@@ -42,6 +54,8 @@ def benchmark(
     """
     if len(params) > 2:
         raise UserError(f"--params: expected one file or two, got {len(params)}")
+    if until_decided and len(params) == 1:
+        raise UserError("--until-decided: requires a second --params")
     check_writable(out)
     names = [file.stem for file in params]
     if len(params) == 2 and names[0] == names[1] and params[0].resolve() != params[1].resolve():
@@ -50,26 +64,39 @@ def benchmark(
     if barn is None:
         print("BARN is not run: --barn names no folder with its data")
     requests = [asked_request(campaign, asked) for campaign in campaigns]
-    with computing(bool(asked.get("force"))) as display:
-        from vastflow.flows import run_campaign
 
-        found = [run_campaign(request, observer=display) for request in requests]
+    def execute(request: RunRequest) -> "Results":
+        with computing(request.force is not None) as display:
+            from vastflow.flows import run_campaign
+
+            return run_campaign(request, observer=display)
+
     from vastflow.flows.analysis.benchmark import benchmark_text, scenes_text
     from vastflow.flows.analysis.comparison import compared
+    from vastflow.flows.analysis.until_decided import Side, compared_until_decided
     from vastflow.flows.cli.show import report_line
     from vastflow.flows.terminal.display import print_rows
     from vastflow.oracles.results.tables import read_tables
 
-    tables = [read_tables(each.directory) for each in found]
-    for letter, name, each, own in zip("AB", names, found, tables, strict=False):
+    found, ended = None, ""
+    if until_decided:
+        sides = [Side(request) for request in requests]
+        found, decision = compared_until_decided(
+            sides[0], sides[1], execute, notify=lambda text: print(text, file=sys.stderr)
+        )
+        ended, tables = decision.text, [found.before, found.after]
+    else:
+        tables = [read_tables(execute(request).directory) for request in requests]
+        found = compared(tables[0], tables[1]) if len(tables) == 2 else None
+    for letter, name, each in zip("AB", names, tables, strict=False):
         print(f"\n{letter}  {name}")
-        print_rows(benchmark_text(own))
+        print_rows(benchmark_text(each))
         print(report_line(each.directory))
-    if len(tables) == 2:
+    if found is not None:
         print("\nB less A, run by run")
-        print_rows(scenes_text(compared(tables[0], tables[1])))
-        print(f"more: {shlex.join(['vastflow', 'compare', *(str(each.directory) for each in found)])}")
-    if any(each.faults for each in found):
+        print_rows([*scenes_text(found), *[ended] * until_decided])
+        print(f"more: {shlex.join(['vastflow', 'compare', *(str(each.directory) for each in tables)])}")
+    if any(each.metadata.get("faults") for each in tables):
         raise typer.Exit(FAULT)
 
 

@@ -53,9 +53,10 @@ def test_robot_with_a_map_drives_barn_without_it_and_other_scenes_with_it(tmp_pa
     assert (without, with_map) == ({"barn"}, {*SCENES})
 
 
-def test_three_files_are_refused(tmp_path):
+def test_benchmark_refuses_three_files_and_rounds_of_one(tmp_path):
     files = [word for name in ("a", "b", "c") for word in ("--params", tmp_path / name)]
     assert refused("benchmark", *files) == "--params: expected one file or two, got 3"
+    assert refused("benchmark", *files[:2], "--until-decided") == "--until-decided: requires a second --params"
 
 
 def directory(folder, **scenes):
@@ -114,20 +115,28 @@ def test_sentence_says_where_one_loses(after, sentence, tmp_path):
     assert shown(scenes_text(found), tmp_path).rstrip().splitlines()[-1] == sentence
 
 
+def test_times_have_no_claims_where_runs_ended_by_what_they_showed(tmp_path):
+    tables = directory(tmp_path / "a", hall="p" * 20), directory(tmp_path / "b", hall="s" * 20)
+    text = shown(scenes_text(compared(*tables, until_decided=True)), tmp_path)
+    assert "no difference in passing or time is shown" in text
+    assert "| hall | 20 | 10.0 | 20.0 | \\+10.0 |  |" in text
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.usefixtures("flow_folder")
-def test_benchmark_names_the_slower_of_two_controllers_and_no_difference_of_one_from_itself(tmp_path):
+def test_benchmark_names_the_slower_of_two_controllers(tmp_path):
     text = (NAV2 / "jazzy_mppi.yaml").read_text()
     (tmp_path / "slow.yaml").write_text(text.replace("vx_max: 0.5", "vx_max: 0.25"))
     places = ("--store", tmp_path / "store", "--results", tmp_path / "results", "--out", tmp_path / "benchmark")
     asked = ("--only", "open-hall", "--runs", 2, "--params", NAV2 / "jazzy_mppi.yaml")
-    for other, said in (
-        (tmp_path / "slow.yaml", "B takes longer in open-hall"),
-        (NAV2 / "jazzy_mppi.yaml", "no difference in passing or time is shown in any scene"),
+    for other, options, runs, said in (
+        (tmp_path / "slow.yaml", (), 8, "B takes longer in open-hall"),
+        (NAV2 / "jazzy_mppi.yaml", (), 8, "no difference in passing or time is shown in any scene"),
+        (NAV2 / "jazzy_mppi.yaml", ("--until-decided",), 4, "decided after 1 of 2 rounds: nothing changed"),
     ):
-        done = called("benchmark", *asked, "--params", other, *places)
+        done = called("benchmark", *asked, "--params", other, *options, *places)
         assert done.exit_code == 0, done.output
         assert "BARN is not run" in done.stdout
-        assert re.search(r"open-hall +8 +100.0 %", done.stdout)
+        assert re.search(rf"open-hall +{runs} +100.0 %", done.stdout)
         assert said in done.stdout
