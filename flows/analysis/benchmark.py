@@ -48,14 +48,14 @@ def benchmark_text(tables: Tables) -> Iterator[RenderableType]:
         if not level and group.mean[0] in (0.0, 1.0):
             alike.append(scene)
         low, high = (end / 10 for end in group.mean[1].thousandths)
-        ends = interval_of_mean(passed_s, ERROR)
+        ends = None if level else interval_of_mean(passed_s, ERROR)
         cells = (
             f"{group.counts.judged}",
             share(group.mean[0]),
             f"{low:.1f} to {high:.1f}",
             f"{int((touched & inside).sum())}",
         )
-        time = f"{passed_s.mean():.1f} s" if len(passed_s) else "–", f"{ends[0]:.1f} to {ends[1]:.1f}" if ends else "–"
+        time = f"{passed_s.mean():.1f} s" if len(passed_s) else "–", f"{ends[0]:.1f} to {ends[1]:.1f}" if ends else ""
         rows.append((_label(scene, level), *cells, *time))
     yield terminal_table(("scene",), ("runs", "passed", "95 %", "with a contact", "time if passed", "95 %"), rows=rows)
     if alike:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 DOORS_M: Final = (0.4, 0.45, 0.5, 0.6, 0.9)
 """Widths of doors."""
-TURNS_M: Final = tuple((radius_m, gap_m) for radius_m in (0.4, 0.8, 1.6) for gap_m in (0.7, 0.9))
+TURNS_M: Final = tuple((radius_m, gap_m) for radius_m in (0.4, 0.8, 1.6) for gap_m in (0.65, 0.8))
 """Radii of the S-turn's walls, and widths of the gap that they leave."""
 OPTIONS: Final = ("runs", "results", "store", "workers", "cluster", "only", "force")
 

@@ -108,8 +108,8 @@ def test_search_with_unknown_step_is_refused(tmp_path):
 def test_help_lists_commands_and_groups_then_those_of_entry_points():
     _, listed = called("--help").stdout.split("Commands:\n")
     assert [line.split()[0] for line in listed.splitlines() if line.strip()] == [
-        *("init", "validate", "plan", "run", "show", "replay", "compare", "minimize", "report-failure"),
-        *("repeat-failure", "export", "notebook", "publish", "verify", "params", "deploy", "import"),
+        *("init", "validate", "plan", "run", "show", "replay", "compare", "benchmark", "minimize"),
+        *("report-failure", "repeat-failure", "export", "notebook", "publish", "verify", "params", "deploy", "import"),
         *("calibrate", "store", "floorplan", "scenario", "mcp", "ui"),
     ]
 
