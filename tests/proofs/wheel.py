@@ -64,6 +64,7 @@ def wrong_names(names: list[str]) -> list[str]:
     kinds = ("pools/*.json", "templates/*.yaml", "explorer/static/*", "explorer/templates/*.j2")
     needed |= {file for kind in kinds for file in (ROOT / "deployments").glob(kind)}
     campaigns = {
+        *(ROOT / "campaigns" / "benchmark").iterdir(),
         *(ROOT / "campaigns" / "scenarios").glob("*.osc"),
         *(ROOT / "campaigns" / "scenarios").glob("hall.*"),
         ROOT / "campaigns" / "quickstart" / "quickstart.vast",
