@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _KEPT: Final = 2
 _CONFIGURATIONS: Final = "configurations.parquet"
-_MAP_COLUMN: Final = "map_file"
+_MAP_COLUMNS: Final = ("map_file", "world")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +81,13 @@ class Campaign:
 
     @cached_property
     def maps(self) -> list[dict[str, Any]]:
-        """Environments with the name of their map and the numbers of their runs, most failures first."""
+        """Environments with the name of their map or world, and the numbers of their runs, most failures first."""
         table, of = self.table, self.environments[self.table.configuration]
         found = []
         for environment in np.unique(of[of != ""]).tolist():
             runs = np.flatnonzero(of == environment)
-            name = table.value(_MAP_COLUMN, runs[0]) or environment[:8]
+            named = (table.value(column, runs[0]) for column in _MAP_COLUMNS)
+            name = next((each for each in named if each), environment[:8])
             failed = int((table.verdict[runs] == FAIL).sum())
             found.append({"id": environment, "name": name, "runs": len(runs), "failed": failed})
         return sorted(found, key=lambda each: -each["failed"])

@@ -348,6 +348,13 @@ def test_campaign_without_map_and_metrics_has_its_other_views(client, campaign):
     assert header["problem"] == "This scenario has no map."
 
 
+def test_maps_without_map_are_called_by_their_worlds(client, campaign):
+    c, directory = campaign
+    columns = pd.read_parquet(directory / WIDE_FILE).drop(columns="map_file", errors="ignore")
+    columns.assign(world="world_12").to_parquet(directory / WIDE_FILE)
+    assert {each["name"] for each in client.get("/api/summary", params={"c": c}).json()["maps"]} == {"world_12"}
+
+
 @pytest.fixture(scope="module")
 def searched(tmp_path_factory):
     """The directory of a search for times: four points of two runs, the best with ten more."""
