@@ -59,9 +59,7 @@ def benchmark_text(tables: Tables) -> Iterator[RenderableType]:
         rows.append((_label(scene, level), *cells, *time))
     yield terminal_table(("scene",), ("runs", "passed", "95 %", "with a contact", "time if passed", "95 %"), rows=rows)
     if alike:
-        yield Text(
-            f"all runs pass, or all fail, in {', '.join(alike)}: it tells controllers apart by time at most", "yellow"
-        )
+        yield Text(f"all runs end alike, so at most their times tell controllers apart: {', '.join(alike)}", "yellow")
     for scene, count in Counter(row["family"] for row in tables.rejections).items():
         why = next(row["reason"] for row in tables.rejections if row["family"] == scene)
         yield Text(f"not run: {count_text(count, 'configuration')} of {scene}, such as: {why}", "yellow")
