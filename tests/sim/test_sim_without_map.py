@@ -238,7 +238,7 @@ def test_pictures_lie_where_odometry_began():
 
 
 def test_first_scan_is_seen_where_robot_stands():
-    """Nothing places odometry before the first pose is set."""
+    """Before the first pose, nothing places odometry."""
     parameters = window()
     loop = ClosedLoop(prepare(columns(), Lidar(), parameters), parameters, Lidar(), Robot(), START, (), (1, 2, 3), 60.0)
     loop.advance(1)
