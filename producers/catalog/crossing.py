@@ -19,8 +19,6 @@ from vastflow.producers.places.route import corners
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY, given_goals, given_start
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.elementary import cos_sin, dist, hypot
-from vastflow.sim.reading.movers import MOVERS_KEY
-from vastflow.sim.world.environment import MAP_KEY
 
 HEADING_M: Final = 1.0
 """Length of the path on either side of an encounter that gives its direction there."""
@@ -63,15 +61,16 @@ class CrossingVariation(MoverProducer[CrossingParameters]):
     Parameters = CrossingParameters
     names = ("encounter_s", "angle_deg", "speed", "late_s")
 
-    reads = (MAP_KEY, START_KEY, GOAL_KEY, GOALS_KEY, MOVERS_KEY)
+    stops = (START_KEY, GOAL_KEY, GOALS_KEY)
 
     def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str] | str:
         asked = self.parameters
         try:
-            line = robot_path(inputs, asked.robot_diameter)
+            map_file = map_of(inputs, asked.map_file)
+            line = robot_path(inputs, ground_of(map_file, asked.robot_diameter))
         except ValueError as error:
             return str(error)
-        ground = ground_of(map_of(inputs), asked.diameter_m)
+        ground = ground_of(map_file, asked.diameter_m)
 
         def body(*values: float) -> Entries | str:
             motion = self._motion(line, ground, *values)
@@ -110,7 +109,7 @@ class CrossingVariation(MoverProducer[CrossingParameters]):
         return {"waypoints": ends, "speed_m_s": speed, "start_s": round(there_s - run_up_m / speed, 6)}
 
 
-def robot_path(inputs: Mapping[str, Value], robot_diameter_m: float) -> Line:
+def robot_path(inputs: Mapping[str, Value], ground: Ground) -> Line:
     """Return the robot's shortest path from start to goals, pulled taut.
 
     Raises:
@@ -122,7 +121,6 @@ def robot_path(inputs: Mapping[str, Value], robot_diameter_m: float) -> Line:
     goals = given_goals(inputs, GOALS_KEY) or given_goals(inputs, GOAL_KEY)
     if start is None or not goals:
         raise ValueError(f"there is no path to cross: no {START_KEY} with {GOAL_KEY} or {GOALS_KEY} was written before")
-    ground = ground_of(map_of(inputs), robot_diameter_m)
     points: list[NDArray[np.float64]] = []
     for one, other in itertools.pairwise([start, *goals]):
         stops = np.array([(one.x_m, one.y_m), (other.x_m, other.y_m)])

@@ -12,11 +12,10 @@ from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import REQUESTED, Fragment, Rejection
 from vastflow.producers.model.numbers import NotNegative, NotNegatives, Number, Positive, Positives
 from vastflow.producers.model.producer import Draws, Producer
-from vastflow.producers.places.ground import ground_of, map_of
+from vastflow.producers.places.ground import MapParameter, ground_of, map_key, map_needed, map_of
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.scenario import Dimension
 from vastflow.sim.reading.movers import MOVERS_KEY, mover_shapes, movers_of
-from vastflow.sim.world.environment import MAP_KEY
 
 Entries: TypeAlias = Sequence[Mapping[str, Value]]
 """Movers as the key `movers` has them."""
@@ -27,6 +26,8 @@ class NamedParameters(producer.Parameters):
 
     name: Annotated[str, Field(min_length=1)] = "mover"
     """Name of the body, or the beginning of several names."""
+    map_file: MapParameter = None
+    """Map or world in whose walls none may stand; by default the configuration's."""
 
 
 P = TypeVar("P", bound=NamedParameters)
@@ -37,8 +38,16 @@ class MoverProducer(Producer[P]):
 
     names: ClassVar[tuple[str, ...]]
     """Parameters with the values of each factor; earlier ones vary outermost."""
+    stops: ClassVar[tuple[str, ...]] = ()
+    """Keys of the robot's start and goals that are read."""
 
-    needs = (MAP_KEY,)
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return map_needed(self.parameters.map_file)
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return map_key(self.parameters.map_file), *self.stops, MOVERS_KEY
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
@@ -109,7 +118,7 @@ class MoverParameters(BodyParameters):
 
     def entry(self, speed_m_s: float, pause_s: float, start_s: float) -> dict[str, Value]:
         chosen = {"speed_m_s": speed_m_s, "pause_s": pause_s, "start_s": start_s}
-        return {**self.model_dump(exclude={"dimension"}), **chosen}
+        return {**self.model_dump(exclude={"dimension", "map_file"}), **chosen}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -127,10 +136,8 @@ class MoverVariation(MoverProducer[MoverParameters]):
     Parameters = MoverParameters
     names = ("speed_m_s", "pause_s", "start_s")
 
-    reads = (MAP_KEY, MOVERS_KEY)
-
     def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str] | str:
-        asked, ground = self.parameters, ground_of(map_of(inputs), self.parameters.diameter_m)
+        asked, ground = self.parameters, ground_of(map_of(inputs, self.parameters.map_file), self.parameters.diameter_m)
         for at in asked.waypoints:
             if not ground.stands(*at):
                 return f"{asked.name} would stand in a wall at {at}"

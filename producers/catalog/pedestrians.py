@@ -17,8 +17,6 @@ from vastflow.producers.places.stops import START_KEY, given_start
 from vastflow.sim.model.digest import Value, digest
 from vastflow.sim.model.elementary import hypots
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.reading.movers import MOVERS_KEY
-from vastflow.sim.world.environment import MAP_KEY
 
 MARGIN_M: Final = 0.1
 """Least gap between walls and a person on its route."""
@@ -59,7 +57,7 @@ class PedestrianVariation(MoverProducer[PedestrianParameters]):
 
     Parameters = PedestrianParameters
 
-    reads = (MAP_KEY, START_KEY, MOVERS_KEY)
+    stops = (START_KEY,)
 
     @property
     def factors(self) -> Mapping[str, Sequence[Value]]:
@@ -68,7 +66,7 @@ class PedestrianVariation(MoverProducer[PedestrianParameters]):
 
     def maker(self, inputs: Mapping[str, Value], draws: Draws) -> Callable[..., Entries | str]:
         """A route depends on the seed, what is read, its draw, and its number alone."""
-        ground = ground_of(map_of(inputs), 2 * (self.parameters.radius_m + MARGIN_M))
+        ground = ground_of(map_of(inputs, self.parameters.map_file), 2 * (self.parameters.radius_m + MARGIN_M))
         start = given_start(inputs, START_KEY)
 
         def people(amount: int, avoids: bool, number: int) -> Entries | str:

@@ -108,6 +108,20 @@ def test_mission_in_varied_worlds_without_map_is_refused_at_producer(campaign):
     )
 
 
+@each_world
+def test_bodies_move_in_world_without_map(campaign, world):
+    more = (
+        "      - CrossingVariation: {robot_diameter: 0.5, encounter_s: 4.0, angle_deg: 90, run_up: 0.3}\n"
+        "      - PedestrianVariation: {amount: 2, route: 2.0, seed: 1}\n"
+        "      - MoverVariation: {name: cart, waypoints: [[-1.0, 0.0], [1.0, 0.0]]}\n"
+    )
+    made = instantiate(load_campaign(campaign(world, more))).configurations
+    assert made and all(len(each.scenario.environment["movers"]) == 4 for each in made)
+    outside = "      - MoverVariation: {waypoints: [[-2.0, 0.0], [9.0, 0.0]]}\n"
+    rejected = instantiate(load_campaign(campaign(world, outside))).rejections
+    assert {each.reason for each in rejected} == {"mover would stand in a wall at [9.0, 0.0]"}
+
+
 def test_worlds_without_map_are_varied_like_any_value(campaign, tmp_path):
     """The constraint is of each world's own ground."""
     (tmp_path / "room.sdf").write_text(WORLDS["room.sdf"])
