@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.patches import Patch as Area
+from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
@@ -250,7 +251,7 @@ def draw_timeline(axes: Axes, moments: Sequence[Moment], marks: Mapping[int, str
     speed = [abs(m.speed_mps) for m in moments]
     error = [m.error_m for m in moments]
     points_per_s = width_points(axes) / end_s
-    top = max(0.55, 1.1 * max(error))
+    top = max(0.55, 1.1 * max(error), 1.1 * max(speed))
     axes.set(xlim=(0.0, end_s), ylim=(-0.36 * top, top))
     for first, last, kind in bands(moments):
         color, alpha = _BANDS[kind]
@@ -278,7 +279,7 @@ def draw_timeline(axes: Axes, moments: Sequence[Moment], marks: Mapping[int, str
         axes.annotate(text, (0.0, 0.0), (left, -13), xycoords="axes fraction", textcoords="offset points", fontsize=7,
                       va="top", color=color)  # fmt: skip
         left += 4 * len(text) + 10
-    axes.set_yticks([0.0, 0.25, 0.5])
+    axes.set_yticks([each for each in MaxNLocator(3, steps=[1, 2, 5, 10]).tick_values(0.0, top) if each <= top])
     axes.tick_params(labelsize=7, colors=SOFT_INK, length=2)
     axes.annotate("simulated time (s)", (1.0, 0.0), (0, -13), xycoords="axes fraction", textcoords="offset points",
                   fontsize=7, va="top", ha="right", color=SOFT_INK)  # fmt: skip

@@ -21,7 +21,7 @@ from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.query.scene import Zones
 from vastflow.oracles.replay import still, story
 from vastflow.oracles.replay.bands import bands
-from vastflow.oracles.replay.close_up import BELIEF_COLOR, draw_close_up, ground
+from vastflow.oracles.replay.close_up import BELIEF_COLOR, draw_close_up, draw_timeline, ground
 from vastflow.oracles.replay.story import FOLLOWED_M, Story, view_of
 from vastflow.sim.loop.event_words import event_words
 from vastflow.sim.model.faults import UserError
@@ -245,6 +245,16 @@ def test_timeline_has_bands_of_activities():
     moments += [a_moment(4, activity="spin"), a_moment(5, activity="spin"), a_moment(6, no_progress_s=5.0)]
     kinds = ["following", "no command", "stopped", "spin", "no progress"]
     assert [*bands(moments)] == [*zip((0, 2, 3, 4, 6), (1, 2, 3, 5, 6), kinds, strict=True)]
+
+
+@each_row(("speed_mps", "error_m"), [(0.3, 0.0), (2.0, 0.0), (0.3, 6.0)])
+def test_timeline_shows_all_of_speed_and_error(speed_mps, error_m):
+    moments = [a_moment(k, speed_mps=-speed_mps, true=Pose(0.0, 0.0), estimate=Pose(error_m, 0.0)) for k in range(5)]
+    axes = Figure().add_subplot()
+    draw_timeline(axes, moments, {})
+    assert axes.get_ylim()[1] > max(speed_mps, error_m)
+    ticks = axes.get_yticks()
+    assert 2 <= len(ticks) <= 4 and ticks[0] == 0.0 and ticks[-1] > 0.4 * axes.get_ylim()[1]
 
 
 def a_run(*events, outcome="succeeded"):
