@@ -54,6 +54,8 @@ def varied(draw, default):
     elif isinstance(default, Costmap):
         given = ("in_odom", "sized_by_map", *OF_THE_WINDOW)
         values = {name: value for name, value in values.items() if name not in given}
+        if values["static_layer"].enabled:  # one that stays is refused
+            values["rolling_window"] = True
     return default.with_values(**values)
 
 
