@@ -91,6 +91,12 @@ def test_actor_walks_its_round_in_its_time(data):
     assert left_out == []
 
 
+def test_walk_begins_at_time_of_its_first_waypoint(data):
+    room_world(data / "world" / "Room 1_dynamic.world", ACTOR.replace("<time>0<", "<time>4<"))
+    (walker,) = next(place.movers for place in places_in(data)[0] if place.movers)
+    assert walker["speed_m_s"] == 6.0 / 16.0
+
+
 def test_world_with_actors_warns_without_movers(data, tmp_path):
     file = tmp_path / "own.vast"
     places = f"      - map_file: {data}/maps/Room 1/map.yaml\n      - world: {data}/world/Room 1_dynamic.world\n"
