@@ -115,6 +115,15 @@ def test_sentence_says_where_one_loses(after, sentence, tmp_path):
     assert shown(scenes_text(found), tmp_path).rstrip().splitlines()[-1] == sentence
 
 
+@each_row(("others", "claimed"), [(0, True), (3, False)])
+def test_loss_that_one_of_several_scenes_shows_alone_is_not_claimed(others, claimed, tmp_path):
+    """Six lost pairs of twenty exclude 0 in one interval of 95 %, and in none of four that hold together."""
+    calm = {f"hall-{k}": "p" * 20 for k in range(others)}
+    before = directory(tmp_path / "a", doors="p" * 20, **calm)
+    found = compared(before, directory(tmp_path / "b", doors="p" * 14 + "f" * 6, **calm))
+    assert ("B passes fewer runs in doors" in shown(scenes_text(found), tmp_path)) == claimed
+
+
 def test_times_have_no_claims_where_runs_ended_by_what_they_showed(tmp_path):
     tables = directory(tmp_path / "a", hall="p" * 20), directory(tmp_path / "b", hall="s" * 20)
     text = shown(scenes_text(compared(*tables, until_decided=True)), tmp_path)
