@@ -117,7 +117,7 @@ def test_sentence_says_where_one_loses(after, sentence, tmp_path):
 
 @each_row(("others", "claimed"), [(0, True), (3, False)])
 def test_loss_that_one_of_several_scenes_shows_alone_is_not_claimed(others, claimed, tmp_path):
-    """Six lost pairs of twenty exclude 0 in one interval of 95 %, and in none of four that hold together."""
+    """Six lost pairs of twenty exclude 0 in one interval, and in none of four."""
     calm = {f"hall-{k}": "p" * 20 for k in range(others)}
     before = directory(tmp_path / "a", doors="p" * 20, **calm)
     found = compared(before, directory(tmp_path / "b", doors="p" * 14 + "f" * 6, **calm))
