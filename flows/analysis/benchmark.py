@@ -31,7 +31,7 @@ HARDER_BY: Final[Mapping[str, tuple[str, str]]] = {
 }
 """What makes a scene harder: its key, and the unit of its levels."""
 ERROR: Final = 1.0 - LEVEL
-"""Probability that any interval of a table misses, at most, with a table of scenes."""
+"""Probability, at most, that any interval of scenes misses, in both tables of a comparison together, or one of a table of one file."""
 
 
 def benchmark_text(tables: Tables) -> Iterator[RenderableType]:
@@ -68,11 +68,11 @@ def benchmark_text(tables: Tables) -> Iterator[RenderableType]:
 def scenes_text(found: Compared) -> Iterator[RenderableType]:
     """Yield tables of passing and of time where both reached the goal, and sentences on where A or B loses.
 
-    The intervals of the scenes hold together; levels have none, and times have none where runs ended by what they showed.
+    The intervals of all scenes in both tables hold together; levels have none, and times have none where runs ended by what they showed.
     """
     pairing, pairs, after = found.pairing, found.pairing.pairs(), [match.after for match in found.pairing.matches]
     groups = {group: np.isin(after, names) for group, names in _groups(found.after).items()}
-    error = ERROR / sum(not level for _, level in groups)
+    error = ERROR / sum(2 for _, level in groups if not level)
     _, both_s = paired_values(found.before, found.after, pairing)["time"]
     sides = ((found.before, pairing.row_before), (found.after, pairing.row_after))
     touched = np.column_stack([_contacts(tables)[rows] for tables, rows in sides])

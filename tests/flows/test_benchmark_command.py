@@ -109,22 +109,22 @@ def test_table_has_rates_contacts_and_times_by_scene(tmp_path):
         (("p" * 20, "p" * 18 + "ff"), "no difference in passing or time is shown in any scene"),
     ],
 )
-def test_sentence_says_where_one_loses(after, sentence, tmp_path):
+def test_sentence_names_scene_in_which_one_loses(after, sentence, tmp_path):
     before = directory(tmp_path / "a", hall="p" * 20, doors="p" * 20)
     found = compared(before, directory(tmp_path / "b", hall=after[0], doors=after[1]))
     assert shown(scenes_text(found), tmp_path).rstrip().splitlines()[-1] == sentence
 
 
-@each_row(("others", "claimed"), [(0, True), (3, False)])
-def test_loss_that_one_of_several_scenes_shows_alone_is_not_claimed(others, claimed, tmp_path):
-    """Six lost pairs of twenty exclude 0 in one interval, and in none of four."""
+@each_row(("lost", "others", "claimed"), [(6, 0, False), (7, 0, True), (7, 3, False)])
+def test_claimed_loss_holds_beside_all_other_intervals(lost, others, claimed, tmp_path):
+    """Six of twenty exclude 0 in one interval, seven in two, and neither in eight."""
     calm = {f"hall-{k}": "p" * 20 for k in range(others)}
     before = directory(tmp_path / "a", doors="p" * 20, **calm)
-    found = compared(before, directory(tmp_path / "b", doors="p" * 14 + "f" * 6, **calm))
+    found = compared(before, directory(tmp_path / "b", doors="p" * (20 - lost) + "f" * lost, **calm))
     assert ("B passes fewer runs in doors" in shown(scenes_text(found), tmp_path)) == claimed
 
 
-def test_times_have_no_claims_where_runs_ended_by_what_they_showed(tmp_path):
+def test_times_are_not_claimed_if_rounds_ended_early(tmp_path):
     tables = directory(tmp_path / "a", hall="p" * 20), directory(tmp_path / "b", hall="s" * 20)
     text = shown(scenes_text(compared(*tables, until_decided=True)), tmp_path)
     assert "no difference in passing or time is shown" in text

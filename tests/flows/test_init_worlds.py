@@ -143,7 +143,7 @@ def test_trips_without_map_or_world_of_their_name_are_left_out(data):
     assert left_out == ["room-1-dynamic: There are starts and goals, and no map or world of this name."]
 
 
-def test_init_tells_what_it_leaves_out(data, tmp_path):
+def test_init_lists_files_it_leaves_out(data, tmp_path):
     (data / "maps" / "Room 1_partially_unknown" / "map.pgm").write_bytes(b"P5")
     cone = "<collision name='c'><geometry><mesh><uri>model://cone/cone.dae</uri></mesh></geometry></collision>"
     room_world(data / "world" / "Room 1.world", f"<model name='cone'><link name='l'>{cone}</link></model>")

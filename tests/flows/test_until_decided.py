@@ -1,4 +1,4 @@
-"""`compare --until-decided`: rounds of two campaigns, what ends them, and what is said of it."""
+"""`compare --until-decided`: rounds of two campaigns, their end, and the text on it."""
 
 import json
 from pathlib import Path
@@ -106,7 +106,7 @@ def test_command_refuses_other_targets_and_options_of_runs_alone(tmp_path):
     assert refused("compare", before, before, "--runs", 3) == "--runs: requires --until-decided, which runs campaigns"
 
 
-def test_command_says_what_ended_the_rounds(small_room, tmp_path, monkeypatch):
+def test_command_prints_reason_for_last_round(small_room, tmp_path, monkeypatch):
     def run_campaign(request, *, observer):
         runs = PASSED[: request.runs]
         return SimpleNamespace(directory=write(tmp_path / f"{len(list(tmp_path.iterdir()))}", same(runs, 0, 24)))

@@ -73,7 +73,7 @@ def test_means_are_those_of_worlds_and_times_those_of_arrivals(directory):
     assert found["time"][1:] == pytest.approx((32.5 - 12.706 * 7.5, 32.5 + 12.706 * 7.5), abs=0.01)
 
 
-def test_controllers_are_told_apart_by_kind_and_speed(directory):
+def test_controllers_differ_by_kind_and_speed(directory):
     kinds = ("mppi", "dwb")
     rows = [{**row, "controller": kind, **speed} for kind, speed in zip(kinds, SPEEDS, strict=True) for row in RUNS[:4]]
     found = runs_of(directory(rows))

@@ -110,7 +110,7 @@ def test_forces_between_people_leave_their_momentum(members):
 @given(st.integers(2, 12), st.integers(0, 1000))
 @settings(max_examples=30)
 def test_people_at_rest_do_not_overlap(count, seed):
-    """People who begin within two meters come to rest apart."""
+    """People who start within two meters stand apart at the end."""
     xy_m = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, 2))
     people = people_at(xy_m, np.zeros((count, 2)), goals_m=xy_m)
     # Nobody goes back: the place that each one reached is its goal.
